@@ -1,0 +1,8 @@
+"""Accuracy of one or many runs: mean, least and greatest over runs, one panel for each tower length."""
+
+from curves import draw
+
+from apf.figures import accuracy_curves, plot_accuracy
+
+if __name__ == "__main__":
+    draw("accuracy", __doc__, accuracy_curves, plot_accuracy)

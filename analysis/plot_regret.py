@@ -1,0 +1,8 @@
+"""Regret of one or many runs: median and quartiles over problems and runs, one panel for each task."""
+
+from curves import draw
+
+from apf.figures import plot_regret, regret_curves
+
+if __name__ == "__main__":
+    draw("regret", __doc__, regret_curves, plot_regret)

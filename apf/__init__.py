@@ -1,0 +1,1 @@
+"""Active learning of abstract plan feasibility (Noseworthy, Moses, Brand et al., RSS 2021)."""

@@ -1,0 +1,146 @@
+"""Where candidates come from: A-hat, and how the best of them are found (Section Sampling Strategies)."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import Field, PositiveInt, model_validator
+
+from apf.data import Domain, Labelled
+from apf.settings import settings
+
+Length = Annotated[int, Field(ge=2)]
+ScoreOf = Callable[[Any], np.ndarray]
+"""Plans of one length -> [N] scores."""
+
+
+@settings
+class Lengths:
+    """Plans of `min` to `max` placements, equally many of each."""
+
+    min: Length
+    max: Length
+
+    @model_validator(mode="after")
+    def _ordered(self) -> "Lengths":
+        if self.min > self.max:
+            raise ValueError(f"min is {self.min}; it must not exceed max, {self.max}")
+        return self
+
+    def draw(self, n: int, domain: Domain, rng: np.random.Generator) -> list[Any]:
+        """n random plans, one batch per length, divided as evenly as can be."""
+        lengths = range(self.min, self.max + 1)
+        shares = np.array_split(np.arange(n), len(lengths))
+        return [domain.random_plans(k, len(part), rng) for k, part in zip(lengths, shares, strict=True) if len(part)]
+
+
+@dataclass(frozen=True)
+class Scored:
+    """One plan (a batch of one) and its acquisition score."""
+
+    plan: Any
+    score: float
+
+
+class Candidates(ABC):
+    """A way to look for the most informative plans."""
+
+    @property
+    @abstractmethod
+    def max_length(self) -> int:
+        """The longest plan it may find."""
+
+    @abstractmethod
+    def best(
+        self, n: int, score: ScoreOf, domain: Domain, data: Sequence[Labelled], rng: np.random.Generator
+    ) -> list[Scored]:
+        """The n best plans found, best first. data: all that was labelled so far."""
+
+
+def top(n: int, pools: Sequence[Any], score: ScoreOf) -> list[Scored]:
+    """The n plans of highest score among all pools, best first; ties go to the earlier plan."""
+    scores = [score(pool) for pool in pools]
+    pool_of = np.repeat(np.arange(len(pools)), [len(s) for s in scores])
+    row_of = np.concatenate([np.arange(len(s)) for s in scores])
+    flat = np.concatenate(scores)
+    order = np.argsort(-flat, kind="stable")[:n]
+    return [Scored(pools[pool_of[i]][row_of[i] : row_of[i] + 1], float(flat[i])) for i in order]
+
+
+@settings
+class RandomPlans(Candidates):
+    """Complete plans, drawn at random from A."""
+
+    n: PositiveInt
+    lengths: Lengths
+
+    @property
+    def max_length(self) -> int:
+        return self.lengths.max
+
+    def best(
+        self, n: int, score: ScoreOf, domain: Domain, data: Sequence[Labelled], rng: np.random.Generator  # noqa: ARG002
+    ) -> list[Scored]:
+        return top(n, self.lengths.draw(max(n, self.n), domain, rng), score)
+
+
+@settings
+class GreedyExtensions(Candidates):
+    """Plans built one placement at a time, each the best next one given that all before it are in place.
+
+    The search starts from the best two-placement plans. Every plan then gets its share of `n` random next placements
+    and keeps the one of highest score, with no regard to whether what it builds on would stand.
+    """
+
+    n: PositiveInt
+    longest: Length
+
+    @property
+    def max_length(self) -> int:
+        return self.longest
+
+    def best(
+        self, n: int, score: ScoreOf, domain: Domain, data: Sequence[Labelled], rng: np.random.Generator  # noqa: ARG002
+    ) -> list[Scored]:
+        found = top(n, [domain.random_plans(2, max(n, self.n), rng)], score)
+        branches = max(1, self.n // n)
+        for _ in range(2, self.longest):
+            plans = domain.concatenate([scored.plan for scored in found])
+            extended = domain.extend(plans[np.repeat(np.arange(n), branches)], rng)
+            scores = score(extended).reshape(n, branches)
+            best = scores.argmax(1)
+            chosen = extended[np.arange(n) * branches + best]
+            found = [Scored(chosen[i : i + 1], float(scores[i, best[i]])) for i in range(n)]
+        return sorted(found, key=lambda scored: -scored.score)
+
+
+@settings
+class FeasiblePrefixExtensions(Candidates):
+    """One random placement on top of a prefix that was seen to stand: (a_1..a_n-1, phi = 1) in D.
+
+    A single placement stands by assumption, so new towers can begin. Each length gets the same share of the `n`
+    candidates, as far as the data hold prefixes of it.
+    """
+
+    n: PositiveInt
+    longest: Length
+
+    @property
+    def max_length(self) -> int:
+        return self.longest
+
+    def best(
+        self, n: int, score: ScoreOf, domain: Domain, data: Sequence[Labelled], rng: np.random.Generator
+    ) -> list[Scored]:
+        bases = {1: domain.random_plans(1, max(n, self.n), rng)}
+        for length in range(2, self.longest):
+            stood = [g.plans[g.labels[:, length - 1] == 1].prefix(length) for g in data if g.plans.length >= length]
+            if sum(map(len, stood)):
+                bases[length] = domain.concatenate(stood)
+        shares = np.array_split(np.arange(max(n, self.n)), len(bases))
+        picks = [
+            base[rng.integers(len(base), size=len(share))] for base, share in zip(bases.values(), shares, strict=True)
+        ]
+        return top(n, [domain.extend(pick, rng) for pick in picks if len(pick)], score)

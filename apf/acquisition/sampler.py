@@ -1,0 +1,51 @@
+"""A sampling strategy: where candidates come from, how they are scored, and what is labelled."""
+
+from collections.abc import Sequence
+from functools import partial
+
+import numpy as np
+from pydantic import model_validator
+
+from apf.acquisition.candidates import Candidates, Lengths, Scored
+from apf.acquisition.scores import ExpectedBald, Model, Score
+from apf.data import Domain, Kind, Labelled
+from apf.settings import settings
+
+
+@settings
+class Sampler:
+    """One of the paper's strategies, or anybody's: the three choices that make it up."""
+
+    kind: Kind
+    """What is labelled and learned: `complete` plans (Theta_comp) or every `subsequence` (Theta_ss)."""
+    initial: Lengths
+    """The random plans that it starts from, before there is a model to ask."""
+    candidates: Candidates
+    score: Score
+
+    @model_validator(mode="after")
+    def _fits_kind(self) -> "Sampler":
+        if isinstance(self.score, ExpectedBald) and self.kind is Kind.COMPLETE:
+            raise ValueError("score ExpectedBald needs kind=subsequence: a complete model knows no prefixes")
+        return self
+
+    @property
+    def max_length(self) -> int:
+        """The longest plan it may propose or start from."""
+        return max(self.candidates.max_length, self.initial.max)
+
+    def start(self, domain: Domain, n: int, rng: np.random.Generator) -> list[Scored]:
+        """n initial plans, shortest first. They have no score (NaN)."""
+        batches = self.initial.draw(n, domain, rng)
+        return [Scored(batch[i : i + 1], float("nan")) for batch in batches for i in range(len(batch))]
+
+    def propose(
+        self, model: Model, domain: Domain, data: Sequence[Labelled], n: int, rng: np.random.Generator
+    ) -> list[Scored]:
+        """The n most informative plans found, best first."""
+        score = partial(_score, self.score, model, rng)
+        return self.candidates.best(n, score, domain, data, rng)
+
+
+def _score(score: Score, model: Model, rng: np.random.Generator, plans: object) -> np.ndarray:
+    return score(model, plans, rng)

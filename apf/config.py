@@ -1,0 +1,167 @@
+"""From a composed config to checked objects: the schema of the root, unknown keys, ranges, names and hashes."""
+
+import difflib
+import hashlib
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import pydantic
+from hydra.core.hydra_config import HydraConfig
+from hydra.errors import InstantiationException
+from hydra.utils import instantiate
+from omegaconf import DictConfig, OmegaConf
+from pydantic import NonNegativeInt, PositiveInt
+
+from apf.acquisition import Sampler
+from apf.errors import InputError
+from apf.experiment import Acquisition, Initial
+from apf.models import EnsembleSettings, Training
+from apf.planning import EvaluationSettings, MonteCarloPlanner
+from apf.predictor import Predictor
+from apf.settings import settings
+from apf.tasks import Task
+from apf.towers import TowerDomain
+from apf.tracking import Tracker
+from apf.worlds import World
+
+NO_EFFECT = ("tracker", "device", "threads", "sweep")
+"""Keys that may differ between two runs that are the same run."""
+
+
+def config_dir() -> str:
+    """The folder of configs: beside the package in a checkout, inside it when installed from a wheel."""
+    package = Path(__file__).parent
+    inside = package / "conf"
+    return str(inside if inside.is_dir() else package.parent / "conf")
+
+
+@settings
+class Learned:
+    """Stands for the ensemble that the run itself trains."""
+
+
+@settings
+class Config:
+    """Every setting of a run. The comments in `conf/config.yaml` say what each is for."""
+
+    seed: NonNegativeInt
+    towers: PositiveInt
+    initial: Initial
+    acquisition: Acquisition
+    training: Training
+    evaluation: EvaluationSettings
+    domain: TowerDomain
+    model: EnsembleSettings
+    sampler: Sampler
+    world: World
+    task: dict[str, Task]
+    planner: MonteCarloPlanner
+    predictor: Predictor | Learned
+    tracker: Tracker
+    device: str
+    threads: PositiveInt
+    sweep: str
+
+
+def validate(cfg: DictConfig) -> Config:
+    """All parts of a config, made and checked. Raises InputError, naming the key, for what is unknown or wrong."""
+    config = build(cfg, Config)
+    if not config.task:
+        raise InputError("task: none is chosen; choose at least one of tallest, overhang, unsupported")
+    first = config.initial.train + config.initial.validation
+    if config.towers < first:
+        raise InputError(f"towers is {config.towers}; it must be at least the {first} initial ones (initial.*)")
+    if config.acquisition.validation >= config.acquisition.towers:
+        raise InputError(
+            f"acquisition.validation is {config.acquisition.validation}; it must be less than "
+            f"acquisition.towers, {config.acquisition.towers}"
+        )
+    config.domain.check_length(config.sampler.max_length, "sampler")
+    config.domain.check_length(config.evaluation.blocks, "evaluation.blocks", evaluation=True)
+    for length in config.evaluation.lengths:
+        config.domain.check_length(length, "evaluation.lengths", evaluation=True)
+    return config
+
+
+def build(cfg: DictConfig, schema: type) -> Any:
+    """`schema` filled with what the config instantiates. Raises InputError, naming the key."""
+    missing = sorted(OmegaConf.missing_keys(cfg))
+    if missing:
+        raise InputError(f"{missing[0]} is missing; give it as {missing[0]}=...")
+    try:
+        parts = instantiate(cfg, _convert_="all")
+        return schema(**parts)
+    except pydantic.ValidationError as error:
+        raise InputError(describe(error, "", cfg)) from None
+    except InstantiationException as error:
+        match = re.search(r"full_key: (\S+)", str(error))
+        key = match.group(1) if match else ""
+        cause = error.__cause__
+        while cause is not None and not isinstance(cause, pydantic.ValidationError | InputError) and cause.__cause__:
+            cause = cause.__cause__
+        if isinstance(cause, pydantic.ValidationError):
+            raise InputError(describe(cause, key, cfg)) from None
+        reason = str(cause or error).splitlines()[0]
+        raise InputError(f"{key}: {reason}") from None
+
+
+def describe(error: pydantic.ValidationError, key: str, cfg: DictConfig) -> str:
+    """One line on the first thing that is wrong: its key, its value, and what would be right."""
+    first = error.errors()[0]
+    parts = [str(part) for part in first["loc"]]
+    where = ".".join([key, *parts] if key else parts)
+    if first["type"] in ("unexpected_keyword_argument", "extra_forbidden"):
+        node = OmegaConf.select(cfg, where.rpartition(".")[0]) if "." in where else cfg
+        known = [str(k) for k in (node or {}) if str(k) not in (parts[-1], "_target_", "_partial_", "hydra")]
+        close = difflib.get_close_matches(parts[-1], known, n=1)
+        hint = f"did you mean {close[0]}?" if close else f"known here: {', '.join(known) or 'nothing'}"
+        return f"{where}: there is no such key; {hint}"
+    if first["type"] in ("missing", "missing_argument", "missing_keyword_only_argument"):
+        return f"{where} is missing; give it as {where}=..."
+    reason = first["msg"].removeprefix("Value error, ").replace("Input should be", "it should be")
+    if first["type"] == "value_error":
+        return f"{where}: {reason}" if where else reason
+    return f"{where} is {first['input']!r}; {reason}"
+
+
+def plain(cfg: DictConfig) -> dict[str, Any]:
+    """The resolved config without Hydra's own part, as plain containers."""
+    job = OmegaConf.masked_copy(cfg, [key for key in cfg if key != "hydra"])
+    return OmegaConf.to_container(job, resolve=True)  # type: ignore[return-value]
+
+
+def identity(config: dict[str, Any]) -> dict[str, Any]:
+    """The part of a plain config that decides what a run computes."""
+    return {key: value for key, value in config.items() if key not in NO_EFFECT}
+
+
+def config_hash(config: dict[str, Any]) -> str:
+    """Eight hexadecimal digits that identify what a run computes."""
+    text = json.dumps(identity(config), sort_keys=True, default=str)
+    return hashlib.sha256(text.encode()).hexdigest()[:8]
+
+
+def flatten(config: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+    """A nested dict as {"a.b.c": leaf}; lists are leaves."""
+    flat: dict[str, Any] = {}
+    for key, value in config.items():
+        if isinstance(value, dict):
+            flat |= flatten(value, f"{prefix}{key}.")
+        else:
+            flat[f"{prefix}{key}"] = value
+    return flat
+
+
+def run_name(_root_: DictConfig) -> str:
+    """Names a run by what it is: sampler-model-world-seed-hash. Resolver `run_name` of the configs."""
+    choices = HydraConfig.get().runtime.choices if HydraConfig.initialized() else _root_.hydra.runtime.choices
+    config = plain(_root_)
+    parts = [choices[group] for group in ("sampler", "model", "world")]
+    if choices["predictor"] != "learned":
+        parts = [choices["predictor"], choices["world@evaluation.world"]]
+    return "-".join([*map(str, parts), f"seed{config['seed']}", config_hash(config)])
+
+
+OmegaConf.register_new_resolver("run_name", run_name, replace=True)

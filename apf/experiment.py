@@ -1,0 +1,143 @@
+"""The experimentation phase: the active-learning loop (Section Problem Formulation)."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from pydantic import NonNegativeInt, PositiveInt
+
+from apf.acquisition import Sampler
+from apf.models import Ensemble
+from apf.planning import Evaluator
+from apf.predictor import Predictor
+from apf.rng import stream
+from apf.settings import settings
+from apf.store import Store
+from apf.tracking import Tracker
+from apf.worlds import World
+
+TRAIN, VALIDATION = "train", "validation"
+
+
+@settings
+class Initial:
+    """Random plans labelled before the first acquisition."""
+
+    train: PositiveInt
+    validation: PositiveInt
+
+
+@settings
+class Acquisition:
+    """What each acquisition adds."""
+
+    towers: PositiveInt
+    """Plans proposed and executed."""
+    validation: NonNegativeInt
+    """How many of them go to the validation set, drawn at random."""
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """One run: the parts that the config composed, and the loop that joins them.
+
+    towers: how many to label in all, the initial ones included. every: acquisitions between evaluations.
+    """
+
+    seed: int
+    towers: int
+    every: int
+    initial: Initial
+    acquisition: Acquisition
+    sampler: Sampler
+    world: World
+    model: Ensemble
+    evaluator: Evaluator
+    store: Store
+    tracker: Tracker
+
+    @property
+    def steps(self) -> int:
+        """Acquisitions that it takes to label all towers."""
+        return math.ceil((self.towers - self.initial.train - self.initial.validation) / self.acquisition.towers)
+
+    def run(self) -> None:
+        """Label, learn, evaluate, until all towers are labelled.
+
+        What the store holds already is not done again: a run that was stopped goes on where it was, and as every
+        draw has a stream of its own, it ends as if it had never stopped.
+        """
+        for step in range(self.steps + 1):
+            self.choose(step)
+            self.execute(step)
+            to_propose = step < self.steps and not self.store.planned(step + 1)
+            to_evaluate = self.due(step) and not self.store.evaluated(step)
+            if to_propose or to_evaluate:
+                self.learn(step)
+            if to_evaluate:
+                self.evaluate(step, self.model)
+
+    def due(self, step: int) -> bool:
+        """Is this step evaluated?"""
+        return step % self.every == 0 or step == self.steps
+
+    def choose(self, step: int) -> None:
+        """Decide which plans to try: random ones first, then those that the model would learn most from."""
+        if self.store.planned(step):
+            return
+        self.tracker.phase(step, self.steps, "choosing plans")
+        rng = stream(self.seed, "propose", step)
+        domain = self.store.domain
+        if step == 0:
+            train = self.sampler.start(domain, self.initial.train, rng)
+            validation = self.sampler.start(domain, self.initial.validation, rng)
+            splits = [TRAIN] * len(train) + [VALIDATION] * len(validation)
+            self.store.plan(step, train + validation, splits)
+        else:
+            n = min(self.acquisition.towers, self.towers - self.store.count(until=step - 1))
+            proposed = self.sampler.propose(self.model, domain, self.store.labelled(), n, rng)
+            held_out = rng.permutation(n) < round(n * self.acquisition.validation / self.acquisition.towers)
+            self.store.plan(step, proposed, np.where(held_out, VALIDATION, TRAIN).tolist())
+
+    def execute(self, step: int) -> None:
+        """Try each plan in the world. Its labels are on disk before the next one starts."""
+        pending = self.store.pending(step)
+        for number, plan in pending:
+            self.tracker.phase(step, self.steps, "building towers")
+            labels = self.world.execute(plan, stream(self.seed, "world", number))
+            self.store.record(number, labels[0])
+        if pending:
+            feasible, scores = self.store.executed(step)
+            metrics = {"data/feasible_share": feasible.mean()}
+            if step:
+                metrics |= {"score/mean": scores.mean(), "score/max": scores.max(), "score/min": scores.min()}
+            self.tracker.log(step, self.store.count(until=step), metrics)
+
+    def learn(self, step: int) -> None:
+        """Train the ensemble from scratch on all that was labelled up to this step."""
+        self.tracker.phase(step, self.steps, "training")
+        train, validation = (self.store.labelled(split, until=step) for split in (TRAIN, VALIDATION))
+        history = self.model.fit(train, validation, stream(self.seed, "train", step))
+        best = history.best_epoch
+        losses = {
+            "loss/train": np.mean([history.train_loss[epoch][member] for member, epoch in enumerate(best)]),
+            "loss/validation": np.mean([history.validation_loss[epoch][member] for member, epoch in enumerate(best)]),
+            "loss/epochs": len(history.train_loss),
+        }
+        self.tracker.log(step, self.store.count(until=step), losses)
+
+    def evaluate(self, step: int, predictor: Predictor) -> None:
+        """Plan and test with the predictor; keep its weights if it has any."""
+        self.tracker.phase(step, self.steps, "evaluating")
+        towers = self.store.count(until=step)
+        regret = self.evaluator.regret(predictor, step, towers)
+        accuracy = self.evaluator.accuracy(predictor, step, towers)
+        if isinstance(predictor, Ensemble):
+            predictor.save(self.store.weights(step))
+        self.store.record_evaluation(step, regret, accuracy)
+        medians = regret.groupby("task", sort=False)["regret"].median()
+        standing = regret.groupby("task", sort=False)["feasible"].mean()
+        metrics = {f"regret/{task}": value for task, value in medians.items()}
+        metrics |= {f"standing/{task}": value for task, value in standing.items()}
+        metrics |= {f"accuracy/{row.length}": row.accuracy for row in accuracy.itertuples()}
+        self.tracker.log(step, towers, metrics)

@@ -1,0 +1,107 @@
+"""Learning curves as figures of a paper: regret for each task, accuracy for each tower length."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pandas as pd
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+TITLES = {"tallest": "Tallest tower", "overhang": "Longest overhang", "unsupported": "Maximum unsupported area"}
+PANEL = (2.6, 2.3)
+"""Width and height of one panel [inch]."""
+
+
+def regret_curves(regret: pd.DataFrame) -> pd.DataFrame:
+    """Median and quartiles over problems and runs: group, task, towers, median, q25, q75, runs, problems."""
+    by = regret.dropna(subset=["regret"]).groupby(["group", "task", "towers"], sort=False)
+    curves = by["regret"].quantile([0.25, 0.5, 0.75]).unstack()
+    curves.columns = pd.Index(["q25", "median", "q75"])
+    curves["runs"] = by["run"].nunique()
+    curves["problems"] = by.size()
+    return curves.reset_index()[["group", "task", "towers", "median", "q25", "q75", "runs", "problems"]]
+
+
+def accuracy_curves(accuracy: pd.DataFrame) -> pd.DataFrame:
+    """Mean, least and greatest over runs: group, length, towers, mean, min, max, runs."""
+    by = accuracy.groupby(["group", "length", "towers"], sort=False)
+    curves = by["accuracy"].agg(["mean", "min", "max"])
+    curves["runs"] = by["run"].nunique()
+    return curves.reset_index()
+
+
+def plot_regret(curves: pd.DataFrame) -> "Figure":
+    """One panel for each task: the median, shaded between the quartiles."""
+    tasks = list(dict.fromkeys(curves["task"]))
+    figure, panels = _panels(curves, "task", tasks, ("median", "q25", "q75"))
+    for task, axes in zip(tasks, panels, strict=True):
+        axes.set_title(TITLES.get(task, task.replace("_", " ")))
+        axes.set_ylim(-0.03, 1.03)
+    panels[0].set_ylabel("Normalised regret")
+    return figure
+
+
+def plot_accuracy(curves: pd.DataFrame) -> "Figure":
+    """One panel for each tower length: the mean, shaded from the least to the greatest run."""
+    lengths = sorted(set(curves["length"]))
+    figure, panels = _panels(curves, "length", lengths, ("mean", "min", "max"))
+    low = min(0.45, curves["min"].min() - 0.03)
+    for length, axes in zip(lengths, panels, strict=True):
+        axes.set_title(f"{length} blocks")
+        axes.set_ylim(low, 1.01)
+        axes.axhline(0.5, color="0.75", linewidth=0.8, linestyle=":", zorder=0)
+    panels[0].set_ylabel("Accuracy")
+    return figure
+
+
+def save(figure: "Figure", table: pd.DataFrame, stem: Path) -> list[Path]:
+    """Write STEM.pdf, STEM.png and the plotted table, STEM.csv. Returns the paths."""
+    import matplotlib.pyplot as plt
+
+    stem.parent.mkdir(parents=True, exist_ok=True)
+    paths = [stem.with_name(stem.name + ending) for ending in (".pdf", ".png", ".csv")]
+    figure.savefig(paths[0], metadata={"CreationDate": None})
+    figure.savefig(paths[1], dpi=200)
+    table.to_csv(paths[2], index=False)
+    plt.close(figure)
+    return paths
+
+
+def _panels(
+    curves: pd.DataFrame, column: str, values: Sequence, lines: tuple[str, str, str]
+) -> tuple["Figure", list["Axes"]]:
+    """A row of panels over the number of labelled towers, one line with its band for each group."""
+    import matplotlib as mpl
+
+    if mpl.get_backend().lower() != "agg":
+        mpl.use("agg")
+    import matplotlib.pyplot as plt
+    import seaborn as sns
+
+    centre, low, high = lines
+    groups = list(dict.fromkeys(curves["group"]))
+    colours = dict(zip(groups, sns.color_palette("colorblind", len(groups)), strict=True))
+    style = {"font.size": 8, "axes.titlesize": 9, "axes.labelsize": 8, "legend.fontsize": 8, "pdf.fonttype": 42}
+    with sns.axes_style("ticks", {"axes.grid": True, "grid.color": "0.92"}), mpl.rc_context(style):
+        width, height = PANEL
+        legend_rows = -(-len(groups) // 4) if len(groups) > 1 else 0
+        size = (width * len(values) + 0.3, height + 0.2 * legend_rows)
+        figure, grid = plt.subplots(1, len(values), figsize=size, sharey=True, squeeze=False, layout="constrained")
+        panels = list(grid[0])
+        for value, axes in zip(values, panels, strict=True):
+            for group in groups:
+                line = curves[(curves[column] == value) & (curves["group"] == group)].sort_values("towers")
+                marker = "o" if len(line) < 15 else None
+                axes.plot(
+                    line["towers"], line[centre], color=colours[group], label=group, marker=marker, markersize=2.5
+                )
+                axes.fill_between(line["towers"], line[low], line[high], color=colours[group], alpha=0.18, linewidth=0)
+            axes.set_xlabel("Labelled towers")
+        sns.despine(figure)
+        if len(groups) > 1:
+            handles, labels = panels[0].get_legend_handles_labels()
+            figure.legend(handles, labels, loc="outside upper center", ncols=min(4, len(groups)), frameon=False)
+    return figure, panels

@@ -1,0 +1,20 @@
+"""Networks, ensembles of them, and their training."""
+
+from apf.models.ensemble import Ensemble, EnsembleSettings, pick_device
+from apf.models.graph import FullyConnectedGraphNetwork, TowersGraphNetwork
+from apf.models.layers import EnsembleLinear, EnsembleNetwork
+from apf.models.lstm import LSTMNetwork
+from apf.models.training import History, Training
+
+__all__ = [
+    "Ensemble",
+    "EnsembleLinear",
+    "EnsembleNetwork",
+    "EnsembleSettings",
+    "FullyConnectedGraphNetwork",
+    "History",
+    "LSTMNetwork",
+    "TowersGraphNetwork",
+    "Training",
+    "pick_device",
+]

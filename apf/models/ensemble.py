@@ -1,0 +1,106 @@
+"""An ensemble of networks that predicts the feasibility of plans (Section Abstract plan feasibility model)."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from pydantic import PositiveInt
+from safetensors.torch import load_file, save_file
+
+from apf.data import Domain, Kind, Labelled, examples
+from apf.models.layers import EnsembleNetwork
+from apf.models.training import History, Training, fit
+from apf.predictor import Predictor
+from apf.rng import torch_generator
+from apf.settings import settings
+
+CHUNK = 256
+"""Plans that one member scores at once: their activations stay in the cache."""
+
+
+@settings
+class EnsembleSettings:
+    """How many networks, and of which architecture."""
+
+    members: PositiveInt
+    """N in the paper: theta_1 .. theta_N."""
+    network: Callable[..., EnsembleNetwork]
+    """Makes the stacked network, given `members` and `n_features`."""
+
+
+class Ensemble(Predictor):
+    """N networks of one architecture, trained on the same plans from different starts: Pr(Theta | D).
+
+    kind: what their outputs mean, Theta_comp or Theta_ss. Weights are stacked, so all members train as one network.
+    """
+
+    def __init__(
+        self, settings: EnsembleSettings, kind: Kind, domain: Domain, training: Training, device: torch.device
+    ) -> None:
+        self.members = settings.members
+        self.kind = kind
+        self.by_prefix = kind is Kind.SUBSEQUENCE
+        self.domain = domain
+        self.training = training
+        self.device = device
+        self.network = settings.network(members=settings.members, n_features=domain.n_features).to(device)
+
+    def fit(self, train: Sequence[Labelled], validation: Sequence[Labelled], rng: np.random.Generator) -> History:
+        """Train all members from scratch, each with its own start, order of examples and early stop.
+
+        Raises FloatingPointError if a loss is not finite.
+        """
+        generators = [torch_generator(rng) for _ in range(self.members)]
+        self.network.reset(generators)
+        train_examples = examples(train, self.kind, self.domain)
+        validation_examples = examples(validation, self.kind, self.domain)
+        return fit(self.network, self.members, train_examples, validation_examples, self.training, generators)
+
+    def predict(self, plans: Any) -> np.ndarray:
+        """[E, N, P] float64: what each member says of each plan.
+
+        Theta_ss: P = K - 1, the probability that prefix 2..K is feasible given that those before it were.
+        Theta_comp: P = 1, the probability that the whole plan is.
+        """
+        return self._predict(plans, whole=self.kind is Kind.COMPLETE)
+
+    def feasibility(self, plans: Any, rng: np.random.Generator | None = None) -> np.ndarray:  # noqa: ARG002
+        """[N] probability that the whole plan is feasible: the mean over members for each output, then their product.
+
+        Under Theta_ss that is eq. (theta-ss); the first placement is feasible by assumption. Draws nothing.
+        """
+        return self.predict(plans).mean(0).prod(1)
+
+    def last_feasibility(self, plans: Any) -> np.ndarray:
+        """[N] probability that the last placement succeeds, given that those before it did (Theta_ss)."""
+        return self._predict(plans, whole=True).mean(0)[:, 0]
+
+    def save(self, path: Path) -> None:
+        """Write the weights as safetensors."""
+        save_file({name: weight.contiguous() for name, weight in self.network.state_dict().items()}, path)
+
+    def load(self, path: Path) -> None:
+        """Read weights that `save` wrote."""
+        self.network.load_state_dict(load_file(path, device=str(self.device)))
+
+    @torch.inference_mode()
+    def _predict(self, plans: Any, whole: bool) -> np.ndarray:
+        """[E, N, K - 1], or [E, N, 1] if `whole`: one member after another, as that keeps activations in the cache."""
+        x = torch.from_numpy(self.domain.features(plans)).to(self.device)
+        outputs = 1 if whole else plans.length - 1
+        logits = torch.empty(self.members, len(plans), outputs, dtype=torch.float64, device=self.device)
+        for member in range(self.members):
+            weights = {name: weight[member : member + 1] for name, weight in self.network.state_dict().items()}
+            for start in range(0, len(plans), CHUNK):
+                rows = slice(start, start + CHUNK)
+                logits[member, rows] = torch.func.functional_call(self.network, weights, (x[None, rows], whole))[0]
+        return torch.sigmoid(logits).cpu().numpy()
+
+
+def pick_device(name: str) -> torch.device:
+    """The device of that name; `auto` is a GPU where there is one, else the CPU."""
+    if name != "auto":
+        return torch.device(name)
+    return torch.device("cuda" if torch.cuda.is_available() else "cpu")

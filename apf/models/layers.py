@@ -1,0 +1,52 @@
+"""Layers of a whole ensemble: one weight stack [E, in, out], one matrix product for all members."""
+
+import math
+
+import torch
+from torch import Tensor, nn
+
+
+class EnsembleLinear(nn.Module):
+    """E independent affine maps, one per member. Weights start uniform in +-1/sqrt(fan_in), as in `nn.Linear`.
+
+    fan_in: number of inputs that decides the initial range, where a layer on concatenated inputs is split
+    into one `EnsembleLinear` per input; `n_in` by default.
+    """
+
+    def __init__(self, members: int, n_in: int, n_out: int, bias: bool = True, fan_in: int | None = None) -> None:
+        super().__init__()
+        self.bound = 1 / math.sqrt(fan_in or n_in)
+        self.weight = nn.Parameter(torch.empty(members, n_in, n_out))
+        self.bias = nn.Parameter(torch.empty(members, 1, n_out)) if bias else None
+
+    def reset(self, member: int, generator: torch.Generator) -> None:
+        """Draw the initial weights of one member from its own generator."""
+        for parameter in self.parameters():
+            nn.init.uniform_(parameter.data[member], -self.bound, self.bound, generator=generator)
+
+    def forward(self, x: Tensor) -> Tensor:
+        """[E, ..., in] -> [E, ..., out]."""
+        rows = x.flatten(1, -2)
+        y = torch.bmm(rows, self.weight) if self.bias is None else torch.baddbmm(self.bias, rows, self.weight)
+        return y.unflatten(1, x.shape[1:-1])
+
+
+class EnsembleNetwork(nn.Module):
+    """Base of every network: E members side by side, whose stacked parameters all begin with axis E.
+
+    Sub-classes implement `forward`. A network sees a plan as features [K, F] of its placements, bottom first.
+    """
+
+    def forward(self, x: Tensor, whole: bool = False) -> Tensor:
+        """Logits that each prefix of 2..K placements is feasible, given that those before it were.
+
+        x: [E, N, K, F]. Returns [E, N, K - 1], or [E, N, 1], the last of them alone, if `whole`.
+        """
+        raise NotImplementedError
+
+    def reset(self, generators: list[torch.Generator]) -> None:
+        """Draw all initial weights; member e from `generators[e]` alone."""
+        for layer in self.modules():
+            if isinstance(layer, EnsembleLinear):
+                for member, generator in enumerate(generators):
+                    layer.reset(member, generator)

@@ -1,0 +1,115 @@
+"""How good is a predictor? Regret on planning problems, accuracy on balanced test sets (Section Evaluation)."""
+
+from collections.abc import Callable, Iterator, Mapping
+from typing import Annotated
+
+import numpy as np
+import pandas as pd
+from pydantic import AfterValidator, Field, NonNegativeInt, PositiveInt
+
+from apf.planning.planner import MonteCarloPlanner
+from apf.predictor import Predictor
+from apf.rng import stream
+from apf.settings import settings
+from apf.tasks import Task
+from apf.towers import TowerDomain, Towers
+from apf.worlds import World
+
+REGRET_COLUMNS = ["step", "towers", "task", "problem", "value", "best_value", "regret", "feasible"]
+ACCURACY_COLUMNS = ["step", "towers", "length", "accuracy", "n"]
+
+
+def _even(n: int) -> int:
+    if n % 2:
+        raise ValueError("must be even: half of the towers are feasible")
+    return n
+
+
+@settings
+class EvaluationSettings:
+    """When and on what to evaluate. Problems and test sets depend on `seed` alone: they are the same in all runs."""
+
+    every: PositiveInt
+    """Acquisitions between two evaluations; the last step is always evaluated."""
+    problems: NonNegativeInt
+    """Planning problems, the same for each task."""
+    blocks: Annotated[int, Field(ge=2)]
+    """Blocks of a problem; a plan uses all of them."""
+    lengths: list[Annotated[int, Field(ge=2)]]
+    """Tower lengths to report accuracy for."""
+    test_towers: Annotated[int, Field(ge=0), AfterValidator(_even)]
+    """Towers of each length, half of them feasible."""
+    seed: NonNegativeInt
+    world: World
+    """Where a chosen tower is executed for its reward."""
+
+
+class Evaluator:
+    """Evaluates predictors, always on the same problems and the same test towers."""
+
+    def __init__(
+        self,
+        settings: EvaluationSettings,
+        domain: TowerDomain,
+        planner: MonteCarloPlanner,
+        tasks: Mapping[str, Task],
+        on_progress: Callable[[str], None] = lambda what: None,
+    ) -> None:
+        self.settings, self.domain, self.planner, self.tasks = settings, domain, planner, tasks
+        self.on_progress = on_progress
+        self._best_values: dict[int, dict[str, float]] = {}
+        self._test_sets: dict[int, tuple[Towers, np.ndarray]] = {}
+
+    def regret(self, predictor: Predictor, step: int, towers: int) -> pd.DataFrame:
+        """[problems x tasks rows, REGRET_COLUMNS]: one planned and executed tower each.
+
+        Normalised regret is (best_value - reward) / best_value: the reward is the chosen tower's value if it stands
+        and 0 if it falls; best_value is the largest value of a candidate that stands without noise. It is NaN
+        where no candidate does.
+        """
+        rows = []
+        for problem, candidates in self._problems():
+            self.on_progress(f"planning, problem {problem + 1} of {self.settings.problems}")
+            best = self._best(problem, candidates)
+            pool = self.planner.pool(candidates, predictor, stream(self.settings.seed, "predictor", step, problem))
+            for number, (name, task) in enumerate(self.tasks.items()):
+                choice = self.planner.plan(task, pool)
+                rng = stream(self.settings.seed, "reward", step, problem, number)
+                chosen = candidates[choice.index : choice.index + 1]
+                feasible = bool((self.settings.world.execute(chosen, rng) == 1).all())
+                reward = choice.value if feasible else 0.0
+                regret = (best[name] - reward) / best[name] if best[name] > 0 else np.nan
+                rows.append((step, towers, name, problem, choice.value, best[name], regret, feasible))
+        return pd.DataFrame(rows, columns=REGRET_COLUMNS)
+
+    def accuracy(self, predictor: Predictor, step: int, towers: int) -> pd.DataFrame:
+        """[lengths rows, ACCURACY_COLUMNS]: share of test towers that the predictor calls right at P > 1/2."""
+        rows = []
+        for length in self.settings.lengths if self.settings.test_towers else []:
+            self.on_progress(f"testing on towers of {length}")
+            plans, labels = self._test_set(length)
+            rng = stream(self.settings.seed, "accuracy", step, length)
+            right = (predictor.feasibility(plans, rng) > 0.5) == labels
+            rows.append((step, towers, length, right.mean(), len(plans)))
+        return pd.DataFrame(rows, columns=ACCURACY_COLUMNS)
+
+    def _problems(self) -> Iterator[tuple[int, Towers]]:
+        """Drawn afresh each time: that takes less than keeping them would cost in memory."""
+        for problem in range(self.settings.problems):
+            rng = stream(self.settings.seed, "problem", problem)
+            yield problem, self.domain.problem(self.settings.blocks, self.planner.candidates, rng)
+
+    def _best(self, problem: int, candidates: Towers) -> dict[str, float]:
+        """For each task, the largest value of a candidate that stands; 0 if none does."""
+        if problem not in self._best_values:
+            standing = candidates[self.domain.feasible(candidates)]
+            self._best_values[problem] = {
+                name: float(task.value(standing).max(initial=0.0)) for name, task in self.tasks.items()
+            }
+        return self._best_values[problem]
+
+    def _test_set(self, length: int) -> tuple[Towers, np.ndarray]:
+        if length not in self._test_sets:
+            rng = stream(self.settings.seed, "test set", length)
+            self._test_sets[length] = self.domain.balanced(length, self.settings.test_towers, rng)
+        return self._test_sets[length]

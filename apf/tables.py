@@ -1,0 +1,69 @@
+"""Tables on disk, CSV or parquet by their ending, written whole or not at all."""
+
+import os
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import pandas as pd
+
+from apf.errors import InputError
+
+
+def check_ending(path: Path) -> None:
+    """Raises InputError unless the file's ending is .csv or .parquet."""
+    if path.suffix not in (".csv", ".parquet"):
+        raise InputError(f"{path}: the ending must be .csv or .parquet")
+
+
+def read_table(path: Path, columns: Sequence[str], units: Mapping[str, str]) -> pd.DataFrame:
+    """The named columns of a CSV or parquet file. Headers may carry their unit, as in `dim_x [m]`.
+
+    Raises InputError if the file cannot be read, a column is missing, or a header names another unit.
+    """
+    check_ending(path)
+    try:
+        if path.suffix == ".csv":
+            table = pd.read_csv(path, float_precision="round_trip", skipinitialspace=True)
+        else:
+            table = pd.read_parquet(path)
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file") from None
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: cannot be read as a table: {str(error).splitlines()[0]}") from None
+    table = table.rename(columns={header: _without_unit(str(header), units, path) for header in table.columns})
+    missing = [column for column in columns if column not in table.columns]
+    if missing:
+        raise InputError(f"{path}: column {', '.join(missing)} is missing; it needs {', '.join(columns)}")
+    return table[list(columns)].reset_index(drop=True)
+
+
+def write_table(table: pd.DataFrame, path: Path, units: Mapping[str, str] | None = None) -> None:
+    """Write a CSV or parquet file, replacing it in one step; with `units`, headers carry them.
+
+    Raises InputError if the ending is another, or the file cannot be written.
+    """
+    check_ending(path)
+    if units:
+        table = table.rename(columns={c: f"{c} [{unit}]" for c, unit in units.items()})
+    half = path.with_name(path.name + ".part")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if path.suffix == ".csv":
+            table.to_csv(half, index=False)
+        else:
+            table.to_parquet(half, index=False)
+        os.replace(half, path)
+    except OSError as error:
+        half.unlink(missing_ok=True)
+        raise InputError(f"{path}: cannot be written: {error.strerror}") from None
+
+
+def _without_unit(header: str, units: Mapping[str, str], path: Path) -> str:
+    match = re.fullmatch(r"\s*(\w+)\s*(?:[\[(]\s*(\S+?)\s*[\])])?\s*", header)
+    if not match:
+        return header
+    name, unit = match.groups()
+    if unit and name in units and unit != units[name]:
+        raise InputError(f"{path}: column {name} is in {unit}; it must be in {units[name]}")
+    return name

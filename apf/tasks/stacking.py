@@ -1,0 +1,45 @@
+"""The paper's three objectives for towers (Section Domain)."""
+
+import numpy as np
+
+from apf.settings import settings
+from apf.tasks.base import Task
+from apf.towers import Towers
+
+
+@settings
+class Tallest(Task):
+    """The height of the tower [m]."""
+
+    unit = "m"
+
+    def value(self, plans: Towers) -> np.ndarray:
+        """[N] sum of the blocks' heights."""
+        return plans.dims[..., 2].sum(1)
+
+
+@settings
+class Overhang(Task):
+    """From the bottom block's centre of geometry to the furthest vertical side of the top block [m]."""
+
+    unit = "m"
+
+    def value(self, plans: Towers) -> np.ndarray:
+        """[N] the distance to the plane of that side, along x or y."""
+        shift = np.abs(plans.xy[:, -1] - plans.xy[:, 0])
+        return (shift + plans.dims[:, -1, :2] / 2).max(1)
+
+
+@settings
+class Unsupported(Task):
+    """How much of each block's underside is not on the block below, summed [m^2]."""
+
+    unit = "m²"
+
+    def value(self, plans: Towers) -> np.ndarray:
+        """[N] total unsupported area; the bottom block stands on the table and adds nothing."""
+        half = plans.dims[..., :2] / 2
+        low, high = plans.xy - half, plans.xy + half
+        overlap = np.minimum(high[:, 1:], high[:, :-1]) - np.maximum(low[:, 1:], low[:, :-1])
+        supported = overlap.clip(0).prod(-1)
+        return (plans.dims[:, 1:, :2].prod(-1) - supported).sum(1)

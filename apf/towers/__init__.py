@@ -1,0 +1,32 @@
+"""The stacking domain: blocks, towers, rotations, the analytic rule, features and files."""
+
+from apf.towers.balanced import balanced_towers
+from apf.towers.blocks import BlockSet, BlockSource
+from apf.towers.domain import TowerDomain
+from apf.towers.features import N_FEATURES, features
+from apf.towers.files import read_blocks, read_towers, write_blocks, write_towers
+from apf.towers.rotations import QUATERNIONS, ROTATIONS, rotation_index
+from apf.towers.stability import standing_prefixes, stands
+from apf.towers.towers import Offset, Towers, random_extensions, random_towers
+
+__all__ = [
+    "N_FEATURES",
+    "QUATERNIONS",
+    "ROTATIONS",
+    "BlockSet",
+    "BlockSource",
+    "Offset",
+    "TowerDomain",
+    "Towers",
+    "balanced_towers",
+    "features",
+    "random_extensions",
+    "random_towers",
+    "read_blocks",
+    "read_towers",
+    "rotation_index",
+    "standing_prefixes",
+    "stands",
+    "write_blocks",
+    "write_towers",
+]

@@ -1,0 +1,103 @@
+"""Block towers as a domain of plans: what the rest of the package needs to know of them, and no more.
+
+The four parts that a new domain supplies (appendix, Method Generalizability) are action definitions (here),
+experimental infrastructure and a feasibility detector (`apf.worlds`), and inductive bias (the connectivity of
+`apf.models`).
+"""
+
+import json
+from collections.abc import Iterator, Sequence
+from functools import cached_property
+
+import numpy as np
+import pandas as pd
+from pydantic import Field
+
+from apf.errors import InputError
+from apf.settings import settings
+from apf.towers.balanced import balanced_towers
+from apf.towers.blocks import BlockSet, BlockSource
+from apf.towers.features import N_FEATURES, features
+from apf.towers.files import tower_table
+from apf.towers.stability import stands
+from apf.towers.towers import Offset, Towers, random_extensions, random_towers
+
+
+@settings
+class TowerDomain:
+    """Block sets for experiments and for evaluation, and the plans that can be made of them."""
+
+    training: BlockSource = Field(default_factory=BlockSource)
+    """Blocks that the robot experiments with."""
+    evaluation: BlockSource = Field(default_factory=BlockSource)
+    """Other blocks, for every evaluation."""
+    offset: Offset = Field(default_factory=Offset)
+
+    n_features = N_FEATURES
+
+    @cached_property
+    def training_blocks(self) -> BlockSet:
+        """The set that the robot experiments with."""
+        return self.training.load()
+
+    @cached_property
+    def evaluation_blocks(self) -> BlockSet:
+        """The novel set."""
+        return self.evaluation.load()
+
+    def check_length(self, length: int, key: str, evaluation: bool = False) -> None:
+        """Raises InputError, naming the config key, if no plan of `length` placements can be made."""
+        which = "evaluation" if evaluation else "training"
+        n = len(self.evaluation_blocks if evaluation else self.training_blocks)
+        if length > n:
+            raise InputError(f"{key}: towers of {length} blocks need {length} blocks; the {which} set has {n}")
+
+    def random_plans(self, length: int, n: int, rng: np.random.Generator) -> Towers:
+        """n random plans of `length` placements of training blocks."""
+        return random_towers(self.training_blocks, length, n, rng, self.offset)
+
+    def extend(self, plans: Towers, rng: np.random.Generator) -> Towers:
+        """Each plan with one more random placement."""
+        return random_extensions(plans, rng, self.offset)
+
+    def concatenate(self, parts: Sequence[Towers]) -> Towers:
+        """All plans of the parts, which have one length."""
+        return Towers.concatenate(parts)
+
+    def features(self, plans: Towers) -> np.ndarray:
+        """[N, K, n_features] float32: what a network sees."""
+        return features(plans)
+
+    def symmetries(self, plans: Towers) -> Iterator[Towers]:
+        """The plans as seen from four sides: turned by 0, 90, 180, 270 degrees (Section Learning)."""
+        return (plans.turned(quarters) for quarters in range(4))
+
+    def feasible(self, plans: Towers) -> np.ndarray:
+        """[N] bool: would the plan succeed in a world without noise?"""
+        return stands(plans)
+
+    def problem(self, n_blocks: int, candidates: int, rng: np.random.Generator) -> Towers:
+        """A planning problem: random plans that use all of `n_blocks` evaluation blocks chosen at random."""
+        chosen = rng.choice(len(self.evaluation_blocks), n_blocks, replace=False)
+        return random_towers(self.evaluation_blocks.subset(chosen), n_blocks, candidates, rng, self.offset)
+
+    def balanced(self, length: int, n: int, rng: np.random.Generator) -> tuple[Towers, np.ndarray]:
+        """n plans with evaluation blocks, and their labels [n] bool: half of them feasible."""
+        return balanced_towers(self.evaluation_blocks, length, n, rng, self.offset)
+
+    def encode(self, plans: Towers) -> list[str]:
+        """One line of JSON per plan; `decode` gives the same plan bit for bit."""
+        return [
+            json.dumps({"block": b, "rotation": r, "xy": xy})
+            for b, r, xy in zip(plans.block.tolist(), plans.rotation.tolist(), plans.xy.tolist(), strict=True)
+        ]
+
+    def decode(self, lines: Sequence[str]) -> Towers:
+        """The plans, all of one length, that `encode` wrote."""
+        plans = [json.loads(line) for line in lines]
+        block, rotation = (np.array([p[key] for p in plans], np.int8) for key in ("block", "rotation"))
+        return Towers(self.training_blocks, block, rotation, np.array([p["xy"] for p in plans], float))
+
+    def table(self, plans: Towers) -> pd.DataFrame:
+        """One row per placement, `tower` counting from 0, in the columns of a tower file."""
+        return tower_table(plans)

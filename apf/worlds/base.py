@@ -1,0 +1,22 @@
+"""What the experiment asks of a world: carry out plans, say which prefixes stood (detailedPlanEx)."""
+
+from abc import ABC, abstractmethod
+from typing import Any
+
+import numpy as np
+
+from apf.data import UNOBSERVED
+
+
+class World(ABC):
+    """Where plans are executed."""
+
+    @abstractmethod
+    def execute(self, plans: Any, rng: np.random.Generator) -> np.ndarray:
+        """Carry out N plans of K placements. Returns labels [N, K] int8: 1 stood, 0 fell, -1 not attempted."""
+
+
+def labels_from(stood: np.ndarray) -> np.ndarray:
+    """Labels [N, K] of prefixes that stood [N, K] bool: everything after the first fall is unobserved."""
+    fallen_before = np.cumsum(~stood, axis=1) - ~stood
+    return np.where(fallen_before > 0, UNOBSERVED, stood).astype(np.int8)
