@@ -128,7 +128,7 @@ def describe(error: pydantic.ValidationError, key: str, cfg: DictConfig) -> str:
 
 def plain(cfg: DictConfig) -> dict[str, Any]:
     """The resolved config without Hydra's own part, as plain containers."""
-    job = OmegaConf.masked_copy(cfg, [key for key in cfg if key != "hydra"])
+    job = OmegaConf.masked_copy(cfg, [str(key) for key in cfg if key != "hydra"])
     return OmegaConf.to_container(job, resolve=True)  # type: ignore[return-value]
 
 

@@ -137,7 +137,7 @@ class Experiment:
         self.store.record_evaluation(step, regret, accuracy)
         medians = regret.groupby("task", sort=False)["regret"].median()
         standing = regret.groupby("task", sort=False)["feasible"].mean()
-        metrics = {f"regret/{task}": value for task, value in medians.items()}
+        metrics: dict[str, float] = {f"regret/{task}": value for task, value in medians.items()}
         metrics |= {f"standing/{task}": value for task, value in standing.items()}
-        metrics |= {f"accuracy/{row.length}": row.accuracy for row in accuracy.itertuples()}
+        metrics |= {f"accuracy/{length}": share for length, share in zip(accuracy["length"], accuracy["accuracy"])}
         self.tracker.log(step, towers, metrics)

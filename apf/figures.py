@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
@@ -18,8 +18,8 @@ PANEL = (2.6, 2.3)
 def regret_curves(regret: pd.DataFrame) -> pd.DataFrame:
     """Median and quartiles over problems and runs: group, task, towers, median, q25, q75, runs, problems."""
     by = regret.dropna(subset=["regret"]).groupby(["group", "task", "towers"], sort=False)
-    curves = by["regret"].quantile([0.25, 0.5, 0.75]).unstack()
-    curves.columns = pd.Index(["q25", "median", "q75"])
+    values = by["regret"]
+    curves = pd.DataFrame({"median": values.median(), "q25": values.quantile(0.25), "q75": values.quantile(0.75)})
     curves["runs"] = by["run"].nunique()
     curves["problems"] = by.size()
     return curves.reset_index()[["group", "task", "towers", "median", "q25", "q75", "runs", "problems"]]
@@ -84,7 +84,7 @@ def _panels(
     centre, low, high = lines
     groups = list(dict.fromkeys(curves["group"]))
     colours = dict(zip(groups, sns.color_palette("colorblind", len(groups)), strict=True))
-    style = {"font.size": 8, "axes.titlesize": 9, "axes.labelsize": 8, "legend.fontsize": 8, "pdf.fonttype": 42}
+    style: Any = {"font.size": 8, "axes.titlesize": 9, "axes.labelsize": 8, "legend.fontsize": 8, "pdf.fonttype": 42}
     with sns.axes_style("ticks", {"axes.grid": True, "grid.color": "0.92"}), mpl.rc_context(style):
         width, height = PANEL
         legend_rows = -(-len(groups) // 4) if len(groups) > 1 else 0

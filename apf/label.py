@@ -3,7 +3,6 @@
 from pathlib import Path
 
 import hydra
-import numpy as np
 import pandas as pd
 from omegaconf import DictConfig
 from pydantic import NonNegativeInt
@@ -35,14 +34,14 @@ def job(cfg: DictConfig) -> None:
     config = build(cfg, LabelConfig)
     check_ending(config.out)
     parts = []
-    for towers, names in read_towers(config.towers).groups:
-        labels = config.world.execute(towers, stream(config.seed, "label", towers.length))
-        n, k = labels.shape
-        part = pd.DataFrame({"tower": np.repeat(np.array(names, object), k), "position": np.tile(np.arange(k), n)})
-        part["label"] = pd.array(labels.ravel(), dtype="Int8")
-        part.loc[labels.ravel() == UNOBSERVED, "label"] = pd.NA
+    for batch in read_towers(config.towers):
+        labels = config.world.execute(batch.towers, stream(config.seed, "label", batch.towers.length))
+        part = pd.DataFrame(labels).melt(var_name="position", value_name="label", ignore_index=False)
+        part.insert(0, "tower", pd.Series(batch.names))
+        part["order"] = pd.Series(batch.order)
         parts.append(part)
-    table = pd.concat(parts, ignore_index=True)
+    table = pd.concat(parts).sort_values(["order", "position"], ignore_index=True)[["tower", "position", "label"]]
+    table["label"] = table["label"].astype("Int8").mask(table["label"] == UNOBSERVED)
     write_table(table, config.out)
     stood = table.groupby("tower")["label"].min().fillna(0).eq(1)
     print(f"{config.out}: {len(stood)} towers labelled, {int(stood.sum())} of them stand")

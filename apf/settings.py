@@ -1,6 +1,5 @@
 """How a configurable class states its settings: a frozen dataclass whose fields pydantic checks."""
 
-
 from pydantic import ConfigDict
 from pydantic.dataclasses import dataclass
 

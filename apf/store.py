@@ -1,13 +1,12 @@
 """The run directory: the one source of truth about a run.
 
-    config.yaml       the resolved config
-    run.yaml          name, choices, versions, state, wall time
-    journal.sqlite    every plan proposed and every label, in the order they came, and the evaluations
-    weights/          step_0010.safetensors: the ensemble at each evaluated step
-    towers.parquet, regret.parquet, accuracy.parquet    the journal as tables
+config.yaml       the resolved config
+run.yaml          name, choices, versions, state, wall time
+journal.sqlite    every plan proposed and every label, in the order they came, and the evaluations
+weights/          step_0010.safetensors: the ensemble at each evaluated step
+towers.parquet, regret.parquet, accuracy.parquet    the journal as tables
 """
 
-import os
 import sqlite3
 from collections.abc import Sequence
 from datetime import UTC, datetime
@@ -154,7 +153,7 @@ class Store:
         return pd.read_sql_query("select * from accuracy order by step, rowid", self._db)
 
     def towers(self) -> pd.DataFrame:
-        """One row per placement of every labelled plan: what was tried, what came of it, and the tower file's columns."""
+        """One row per placement of every labelled plan: what came of it, and the columns of a tower file."""
         rows = self._db.execute(
             "select id, step, split, score, plan, labels from towers where labels is not null order by id"
         ).fetchall()
@@ -162,7 +161,7 @@ class Store:
         for number, step, split, score, plan, labels in rows:
             part = self.domain.table(self.domain.decode([plan]))
             part["tower"] = number
-            label = pd.array([None if s == "-" else int(s) for s in labels], dtype="Int8")
+            label = pd.Series([None if s == "-" else int(s) for s in labels], dtype="Int8")
             part.insert(2, "step", step)
             part.insert(3, "split", split)
             part.insert(4, "score", np.nan if score is None else score)
@@ -180,7 +179,7 @@ def write_yaml(path: Path, content: dict) -> None:
     """Write a YAML file, replacing it in one step."""
     half = path.with_name(path.name + ".part")
     half.write_text(yaml.safe_dump(content, sort_keys=False, allow_unicode=True))
-    os.replace(half, path)
+    half.replace(path)
 
 
 def read_yaml(path: Path) -> dict:

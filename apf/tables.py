@@ -1,6 +1,5 @@
 """Tables on disk, CSV or parquet by their ending, written whole or not at all."""
 
-import os
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -53,7 +52,7 @@ def write_table(table: pd.DataFrame, path: Path, units: Mapping[str, str] | None
             table.to_csv(half, index=False)
         else:
             table.to_parquet(half, index=False)
-        os.replace(half, path)
+        half.replace(path)
     except OSError as error:
         half.unlink(missing_ok=True)
         raise InputError(f"{path}: cannot be written: {error.strerror}") from None

@@ -81,7 +81,7 @@ class RandomPlans(Candidates):
         return self.lengths.max
 
     def best(
-        self, n: int, score: ScoreOf, domain: Domain, data: Sequence[Labelled], rng: np.random.Generator  # noqa: ARG002
+        self, n: int, score: ScoreOf, domain: Domain, data: Sequence[Labelled], rng: np.random.Generator
     ) -> list[Scored]:
         return top(n, self.lengths.draw(max(n, self.n), domain, rng), score)
 
@@ -102,7 +102,7 @@ class GreedyExtensions(Candidates):
         return self.longest
 
     def best(
-        self, n: int, score: ScoreOf, domain: Domain, data: Sequence[Labelled], rng: np.random.Generator  # noqa: ARG002
+        self, n: int, score: ScoreOf, domain: Domain, data: Sequence[Labelled], rng: np.random.Generator
     ) -> list[Scored]:
         found = top(n, [domain.random_plans(2, max(n, self.n), rng)], score)
         branches = max(1, self.n // n)

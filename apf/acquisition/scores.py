@@ -29,7 +29,7 @@ class Score(ABC):
 class Bald(Score):
     """BALD of the last outcome: of the whole plan under Theta_comp, of the last prefix under Theta_ss."""
 
-    def __call__(self, model: Model, plans: Any, rng: np.random.Generator) -> np.ndarray:  # noqa: ARG002
+    def __call__(self, model: Model, plans: Any, rng: np.random.Generator) -> np.ndarray:
         return bald(model.predict(plans)[..., -1])
 
 
@@ -37,7 +37,7 @@ class Bald(Score):
 class ExpectedBald(Score):
     """BALD summed over all prefixes, each weighted by the chance that it is attempted (Theta_ss only)."""
 
-    def __call__(self, model: Model, plans: Any, rng: np.random.Generator) -> np.ndarray:  # noqa: ARG002
+    def __call__(self, model: Model, plans: Any, rng: np.random.Generator) -> np.ndarray:
         return expected_bald(model.predict(plans))
 
 
@@ -45,5 +45,5 @@ class ExpectedBald(Score):
 class Random(Score):
     """No opinion: a random choice among the candidates."""
 
-    def __call__(self, model: Model, plans: Any, rng: np.random.Generator) -> np.ndarray:  # noqa: ARG002
+    def __call__(self, model: Model, plans: Any, rng: np.random.Generator) -> np.ndarray:
         return rng.random(len(plans))

@@ -16,8 +16,8 @@ from apf.predictor import Predictor
 from apf.rng import torch_generator
 from apf.settings import settings
 
-CHUNK = 256
-"""Plans that one member scores at once: their activations stay in the cache."""
+CHUNK = 1024
+"""Plans that one member scores at once."""
 
 
 @settings
@@ -66,7 +66,7 @@ class Ensemble(Predictor):
         """
         return self._predict(plans, whole=self.kind is Kind.COMPLETE)
 
-    def feasibility(self, plans: Any, rng: np.random.Generator | None = None) -> np.ndarray:  # noqa: ARG002
+    def feasibility(self, plans: Any, rng: np.random.Generator | None = None) -> np.ndarray:
         """[N] probability that the whole plan is feasible: the mean over members for each output, then their product.
 
         Under Theta_ss that is eq. (theta-ss); the first placement is feasible by assumption. Draws nothing.

@@ -42,12 +42,13 @@ def prefix_graph(length: int, both_ways: bool, whole: bool, device: torch.device
     slots = [(prefix, block) for prefix in prefixes for block in range(prefix)]
     received = [[target == block and source < prefix for source, target in edges] for prefix, block in slots]
     mean = [[(prefix == p) / prefix for p, _ in slots] for prefix in prefixes]
-    return PrefixGraph(
-        torch.tensor(edges, device=device).T,
-        torch.tensor([block for _, block in slots], device=device),
-        torch.tensor(received, dtype=torch.float32, device=device),
-        torch.tensor(mean, dtype=torch.float32, device=device),
-    )
+    with torch.inference_mode(False):  # cached: training must be able to use what prediction made first
+        return PrefixGraph(
+            torch.tensor(edges, device=device).T,
+            torch.tensor([block for _, block in slots], device=device),
+            torch.tensor(received, dtype=torch.float32, device=device),
+            torch.tensor(mean, dtype=torch.float32, device=device),
+        )
 
 
 class PrefixMessages(MessagePassing):

@@ -14,7 +14,7 @@ class AnalyticPredictor(Predictor):
 
     by_prefix = True
 
-    def feasibility(self, plans: Towers, rng: np.random.Generator) -> np.ndarray:  # noqa: ARG002
+    def feasibility(self, plans: Towers, rng: np.random.Generator) -> np.ndarray:
         """[N] of 0 and 1."""
         return stands(plans).astype(float)
 
@@ -25,7 +25,7 @@ class AnalyticPredictor(Predictor):
 
 @settings
 class SimulationPredictor(Predictor):
-    """Feasible only if the tower stands under every one of several random perturbations: the paper's Simulation model."""
+    """The paper's Simulation model: feasible only if the tower stands under every one of several perturbations."""
 
     perturbations: PositiveInt = 10
     noise: PositiveFloat = 0.005

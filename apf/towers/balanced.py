@@ -35,7 +35,9 @@ def random_fallen(blocks: BlockSet, length: int, n: int, rng: np.random.Generato
     return Towers.concatenate(found)[:n]
 
 
-def balanced_towers(blocks: BlockSet, length: int, n: int, rng: np.random.Generator, offset: Offset = PUBLISHED_OFFSET) -> tuple[Towers, np.ndarray]:
+def balanced_towers(
+    blocks: BlockSet, length: int, n: int, rng: np.random.Generator, offset: Offset = PUBLISHED_OFFSET
+) -> tuple[Towers, np.ndarray]:
     """A test set of n towers, half standing and half not (Section Model Architecture and Generalization).
 
     Returns the towers and their labels [n] bool. Raises ValueError if n is odd.

@@ -13,6 +13,7 @@ from apf.rng import stream
 from apf.settings import settings
 from apf.towers.rotations import ROTATIONS
 
+
 @dataclass(frozen=True, eq=False)
 class BlockSet:
     """B distinct cuboids.

@@ -7,6 +7,7 @@ own frame, then the pose of its centre of geometry in the world.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -29,15 +30,12 @@ GAP = 1e-4
 
 
 @dataclass(frozen=True)
-class TowerFile:
-    """The towers of a file, grouped by length.
+class NamedTowers:
+    """The towers of one length in a file: the file's own name of each [N], and where it came in the file [N]."""
 
-    groups: towers of one length each. names: for each group, the file's own name of each tower. Order within a
-    group is the file's.
-    """
-
-    groups: tuple[Towers, ...]
-    names: tuple[tuple[object, ...], ...]
+    towers: Towers
+    names: tuple[Any, ...]
+    order: tuple[int, ...]
 
 
 def read_blocks(path: str | Path) -> BlockSet:
@@ -74,8 +72,8 @@ def tower_table(towers: Towers, first: int = 0) -> pd.DataFrame:
     return pd.concat([table, blocks, pose], axis=1)
 
 
-def read_towers(path: str | Path) -> TowerFile:
-    """The towers of a tower file.
+def read_towers(path: str | Path) -> list[NamedTowers]:
+    """The towers of a tower file, one batch for each length.
 
     Raises InputError, naming file, tower and row, for a missing column, a value that is no number, an impossible
     block, a rotation that is not axis-aligned, positions that do not count from 0, a block used twice in a tower, and a
@@ -102,19 +100,19 @@ def read_towers(path: str | Path) -> TowerFile:
 
     index = table["block"].map({name: i for i, name in enumerate(blocks.name)}).to_numpy(int)
     rotation = np.array([_rotation(q, path, i) for i, q in enumerate(table[["qx", "qy", "qz", "qw"]].to_numpy(float))])
-    by_length: dict[int, list[tuple[object, np.ndarray]]] = {}
-    for name, rows in table.groupby("tower", sort=False).indices.items():
-        rows = rows[np.argsort(table["position"].to_numpy()[rows], kind="stable")]
+    by_length: dict[int, list[tuple[Any, int, np.ndarray]]] = {}
+    for order, (name, group) in enumerate(table.groupby("tower", sort=False)):
+        rows = group.sort_values("position", kind="stable").index.to_numpy()
         _require_order(table, rows, name, path)
-        by_length.setdefault(len(rows), []).append((name, rows))
-    groups, names = [], []
+        by_length.setdefault(len(rows), []).append((name, order, rows))
+    batches = []
     for members in by_length.values():
-        rows = np.array([r for _, r in members])
+        names, order, rows = zip(*members, strict=True)
+        rows = np.array(rows)
         towers = Towers(blocks, index[rows], rotation[rows], table[["x", "y"]].to_numpy(float)[rows])
-        _require_contact(towers, table["z"].to_numpy(float)[rows], [n for n, _ in members], rows, path)
-        groups.append(towers)
-        names.append(tuple(n for n, _ in members))
-    return TowerFile(tuple(groups), tuple(names))
+        _require_contact(towers, table["z"].to_numpy(float)[rows], names, rows, path)
+        batches.append(NamedTowers(towers, names, order))
+    return batches
 
 
 def _block_table(blocks: BlockSet) -> pd.DataFrame:
@@ -166,7 +164,7 @@ def _require_order(table: pd.DataFrame, rows: np.ndarray, name: object, path: Pa
         raise InputError(f"{path}, row {_row(row)}: tower {name} uses block {table['block'].iloc[row]} twice")
 
 
-def _require_contact(towers: Towers, z: np.ndarray, names: list, rows: np.ndarray, path: Path) -> None:
+def _require_contact(towers: Towers, z: np.ndarray, names: Sequence[Any], rows: np.ndarray, path: Path) -> None:
     """Each block stands on the table or on the one below: no gap, no overlap, and some area in common."""
 
     def refuse(bad: np.ndarray, why: str) -> None:

@@ -39,7 +39,7 @@ def _turn_table() -> np.ndarray:
     """[4, 24]: the rotation that results from `r` followed by 0, 1, 2, 3 quarter turns about the vertical."""
     quarter = np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1]])
     turned = [np.linalg.matrix_power(quarter, k) @ ROTATIONS for k in range(4)]
-    return np.array([[int(np.argmax((ROTATIONS == m).all((1, 2)))) for m in turn] for turn in turned])
+    return np.array([[int(np.argmax((m == ROTATIONS).all((1, 2)))) for m in turn] for turn in turned])
 
 
 TURN = _turn_table()

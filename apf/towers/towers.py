@@ -30,6 +30,7 @@ class Offset:
 
 PUBLISHED_OFFSET = Offset()
 
+
 @dataclass(frozen=True, eq=False)
 class Towers:
     """N towers of K placements, from the bottom up.
@@ -140,4 +141,3 @@ def _random_orders(b: int, k: int, n: int, rng: np.random.Generator) -> np.ndarr
         j = rng.integers(i, b, size=n)
         order[rows, i], order[rows, j] = order[rows, j], order[rows, i].copy()
     return order[:, :k]
-

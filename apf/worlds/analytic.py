@@ -11,6 +11,6 @@ from apf.worlds.base import World, labels_from
 class AnalyticWorld(World):
     """Blocks land exactly where the plan puts them."""
 
-    def execute(self, plans: Towers, rng: np.random.Generator) -> np.ndarray:  # noqa: ARG002
+    def execute(self, plans: Towers, rng: np.random.Generator) -> np.ndarray:
         """Labels [N, K]; draws nothing from `rng`."""
         return labels_from(standing_prefixes(plans))
