@@ -37,6 +37,7 @@ class Domain(Protocol):
     """What learning needs to know of plans; `apf.towers.TowerDomain` is the one for block towers."""
 
     n_features: int
+    n_position: int
 
     def random_plans(self, length: int, n: int, rng: np.random.Generator) -> Any: ...
 

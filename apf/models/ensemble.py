@@ -16,7 +16,7 @@ from apf.predictor import Predictor
 from apf.rng import torch_generator
 from apf.settings import settings
 
-CHUNK = 1024
+CHUNK = 2048
 """Plans that one member scores at once."""
 
 
@@ -27,7 +27,7 @@ class EnsembleSettings:
     members: PositiveInt
     """N in the paper: theta_1 .. theta_N."""
     network: Callable[..., EnsembleNetwork]
-    """Makes the stacked network, given `members` and `n_features`."""
+    """Makes the stacked network, given `members`, `n_features` and `n_position`."""
 
 
 class Ensemble(Predictor):
@@ -45,7 +45,13 @@ class Ensemble(Predictor):
         self.domain = domain
         self.training = training
         self.device = device
-        self.network = settings.network(members=settings.members, n_features=domain.n_features).to(device)
+        sizes = {"n_features": domain.n_features, "n_position": domain.n_position}
+        self.network = settings.network(members=settings.members, **sizes).to(device)
+        weights = dict(self.network.named_parameters())
+        self._member_weights = [
+            {name: weight.detach()[member : member + 1] for name, weight in weights.items()}
+            for member in range(self.members)
+        ]  # views: they follow the weights as these change in place
 
     def fit(self, train: Sequence[Labelled], validation: Sequence[Labelled], rng: np.random.Generator) -> History:
         """Train all members from scratch, each with its own start, order of examples and early stop.
@@ -91,8 +97,7 @@ class Ensemble(Predictor):
         x = torch.from_numpy(self.domain.features(plans)).to(self.device)
         outputs = 1 if whole else plans.length - 1
         logits = torch.empty(self.members, len(plans), outputs, dtype=torch.float64, device=self.device)
-        for member in range(self.members):
-            weights = {name: weight[member : member + 1] for name, weight in self.network.state_dict().items()}
+        for member, weights in enumerate(self._member_weights):
             for start in range(0, len(plans), CHUNK):
                 rows = slice(start, start + CHUNK)
                 logits[member, rows] = torch.func.functional_call(self.network, weights, (x[None, rows], whole))[0]

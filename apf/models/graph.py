@@ -20,15 +20,18 @@ from apf.models.layers import EnsembleLinear, EnsembleNetwork
 class PrefixGraph:
     """Which messages each block of each prefix receives.
 
-    A slot is a pair (prefix, block in it); P edges, S slots, R prefixes.
-    edges: [2, P] (source, target). block: [S] the block of each slot. received: [S, P] 0/1, the edges into that block
-    from blocks of the same prefix. mean: [R, S] averages the slots of each prefix.
+    A slot is a pair (prefix, block in it that hears from others); P edges, S slots, R prefixes, K blocks.
+    edges: [2, P] (source, target). received: [S, P] 0/1, the edges into each slot from blocks of the same prefix.
+    n_received: [S, 1, 1] how many they are. block: [S] the block of each slot. mean: [R, S] and mean_alone: [R, K]
+    average a prefix over its slots and over its blocks that hear nothing.
     """
 
     edges: Tensor
-    block: Tensor
     received: Tensor
+    n_received: Tensor
+    block: Tensor
     mean: Tensor
+    mean_alone: Tensor
 
 
 @lru_cache(maxsize=256)
@@ -39,39 +42,53 @@ def prefix_graph(length: int, both_ways: bool, whole: bool, device: torch.device
     """
     edges = [(source, target) for source, target in permutations(range(length), 2) if both_ways or source > target]
     prefixes = [length] if whole else list(range(2, length + 1))
-    slots = [(prefix, block) for prefix in prefixes for block in range(prefix)]
+    slots = [(prefix, block) for prefix in prefixes for block in range(prefix if both_ways else prefix - 1)]
     received = [[target == block and source < prefix for source, target in edges] for prefix, block in slots]
     mean = [[(prefix == p) / prefix for p, _ in slots] for prefix in prefixes]
+    alone = [[((p, block) not in slots and block < p) / p for block in range(length)] for p in prefixes]
     with torch.inference_mode(False):  # cached: training must be able to use what prediction made first
+        to_received = torch.tensor(received, dtype=torch.float32, device=device)
         return PrefixGraph(
             torch.tensor(edges, device=device).T,
+            to_received,
+            to_received.sum(1).reshape(-1, 1, 1),
             torch.tensor([block for _, block in slots], device=device),
-            torch.tensor(received, dtype=torch.float32, device=device),
             torch.tensor(mean, dtype=torch.float32, device=device),
+            torch.tensor(alone, dtype=torch.float32, device=device),
         )
 
 
 class PrefixMessages(MessagePassing):
     """Messages along the edges of a `PrefixGraph`, summed for every slot. Arrays are [E, nodes, N, features].
 
-    The message net has three layers on both blocks' features. Its first is split into one product per block, and the
-    two are added on each edge.
+    The message net has three layers, on both blocks' own features and on where the source lies as seen from the target.
+    Its first is split into one product per block, and the two are added on each edge. Its last is linear and so is what
+    a block's update does to the sum of messages: `last` and `to_update` act as one product, after the sum.
     """
 
-    def __init__(self, members: int, n_features: int, hidden: int) -> None:
+    def __init__(self, members: int, n_own: int, n_position: int, hidden: int) -> None:
         super().__init__(aggr="sum", node_dim=-3)
-        self.source = EnsembleLinear(members, n_features, hidden, bias=False, fan_in=2 * n_features)
-        self.target = EnsembleLinear(members, n_features, hidden, fan_in=2 * n_features)
+        fan_in = 2 * n_own + n_position
+        self.source = EnsembleLinear(members, n_own, hidden, bias=False, fan_in=fan_in)
+        self.target = EnsembleLinear(members, n_own, hidden, fan_in=fan_in)
+        self.position = EnsembleLinear(members, n_position, hidden, bias=False, fan_in=fan_in)
         self.middle = EnsembleLinear(members, hidden, hidden)
         self.last = EnsembleLinear(members, hidden, hidden)
+        self.to_update = EnsembleLinear(members, hidden, hidden, bias=False, fan_in=n_own + hidden)
 
-    def forward(self, x: Tensor, graph: PrefixGraph) -> Tensor:
-        """[E, K, N, F] -> [E, S, N, H]: what each slot receives."""
-        return self.propagate(graph.edges, source=self.source(x), target=self.target(x), received=graph.received)
+    def forward(self, own: Tensor, position: Tensor, graph: PrefixGraph) -> Tensor:
+        """Own features [E, K, N, F - D] and positions [E, K, N, D] -> [E, S, N, H]: what each slot's update adds."""
+        place = self.position(position)
+        source, target = self.source(own) + place, self.target(own) - place
+        total = self.propagate(graph.edges, source=source, target=target, received=graph.received)
+        bias, weight = torch.bmm(torch.cat([self.last.bias, self.last.weight], 1), self.to_update.weight).split(
+            [1, total.shape[-1]], 1
+        )
+        return torch.bmm(total.flatten(1, 2), weight).view_as(total) + graph.n_received * bias.unsqueeze(1)
 
     def message(self, source_j: Tensor, target_i: Tensor) -> Tensor:
-        """[E, P, N, H]: one message per edge."""
-        return self.last(torch.relu(self.middle(torch.relu(source_j + target_i))))
+        """[E, P, N, H]: one message per edge, up to its last layer."""
+        return self.middle(source_j.add_(target_i).relu_()).relu_()
 
     def aggregate(self, inputs: Tensor, received: Tensor) -> Tensor:
         """[E, P, N, H] -> [E, S, N, H]: sums over the edges into each slot, as one product with a 0/1 matrix."""
@@ -84,27 +101,36 @@ def mix_nodes(weights: Tensor, x: Tensor) -> Tensor:
 
 
 class GraphNetwork(EnsembleNetwork):
-    """One round of message passing, update of each block, mean over blocks, readout of two layers."""
+    """One round of message passing, update of each block, mean over blocks, readout of two layers.
+
+    Blocks see each other's positions as differences only: a tower is the same wherever it stands, and so is a pair of
+    neighbours at any height of it.
+    """
 
     both_ways: bool
 
     @validate_call
-    def __init__(self, *, members: PositiveInt, n_features: PositiveInt, hidden: PositiveInt) -> None:
+    def __init__(
+        self, *, members: PositiveInt, n_features: PositiveInt, n_position: PositiveInt, hidden: PositiveInt
+    ) -> None:
         super().__init__()
-        self.messages = PrefixMessages(members, n_features, hidden)
-        self.update_block = EnsembleLinear(members, n_features, hidden, fan_in=n_features + hidden)
-        self.update_messages = EnsembleLinear(members, hidden, hidden, bias=False, fan_in=n_features + hidden)
+        self.n_own = n_own = n_features - n_position
+        self.messages = PrefixMessages(members, n_own, n_position, hidden)
+        self.update = EnsembleLinear(members, n_own, hidden, fan_in=n_own + hidden)
         self.readout = EnsembleLinear(members, hidden, hidden)
         self.logit = EnsembleLinear(members, hidden, 1)
 
     def forward(self, x: Tensor, whole: bool = False) -> Tensor:
         """[E, N, K, F] -> [E, N, K - 1], or [E, N, 1] if `whole`; see `EnsembleNetwork.forward`."""
-        x = x.transpose(1, 2).contiguous()
+        x = x.transpose(1, 2)
+        own, position = x[..., : self.n_own].contiguous(), x[..., self.n_own :].contiguous()
         graph = prefix_graph(x.shape[1], self.both_ways, whole, x.device)
-        received = self.update_messages(self.messages(x, graph))
-        blocks = torch.relu(self.update_block(x).index_select(1, graph.block) + received)
-        prefixes = torch.relu(self.readout(mix_nodes(graph.mean, blocks)))
-        return self.logit(prefixes).squeeze(-1).transpose(1, 2)
+        alone = self.update(own)
+        slots = self.messages(own, position, graph).add_(alone.index_select(1, graph.block)).relu_()
+        prefixes = mix_nodes(graph.mean, slots)
+        if not self.both_ways:
+            prefixes = prefixes + mix_nodes(graph.mean_alone, torch.relu(alone))
+        return self.logit(self.readout(prefixes).relu_()).squeeze(-1).transpose(1, 2)
 
 
 class TowersGraphNetwork(GraphNetwork):

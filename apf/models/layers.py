@@ -28,13 +28,14 @@ class EnsembleLinear(nn.Module):
         """[E, ..., in] -> [E, ..., out]."""
         rows = x.flatten(1, -2)
         y = torch.bmm(rows, self.weight) if self.bias is None else torch.baddbmm(self.bias, rows, self.weight)
-        return y.unflatten(1, x.shape[1:-1])
+        return y.view(*x.shape[:-1], -1)
 
 
 class EnsembleNetwork(nn.Module):
     """Base of every network: E members side by side, whose stacked parameters all begin with axis E.
 
-    Sub-classes implement `forward`. A network sees a plan as features [K, F] of its placements, bottom first.
+    Sub-classes implement `forward`. A network sees a plan as features [K, F] of its placements, bottom first; it is made
+    with `members`, `n_features` = F, and `n_position`, how many of the last features are a position.
     """
 
     def forward(self, x: Tensor, whole: bool = False) -> Tensor:

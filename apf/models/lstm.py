@@ -17,7 +17,13 @@ class LSTMNetwork(EnsembleNetwork):
 
     @validate_call
     def __init__(
-        self, *, members: PositiveInt, n_features: PositiveInt, hidden: PositiveInt, layers: PositiveInt
+        self,
+        *,
+        members: PositiveInt,
+        n_features: PositiveInt,
+        n_position: PositiveInt,
+        hidden: PositiveInt,
+        layers: PositiveInt,
     ) -> None:
         super().__init__()
         self.hidden = hidden

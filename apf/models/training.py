@@ -17,10 +17,10 @@ from apf.settings import settings
 class Training:
     """How the members are fitted (Section Learning): Adam, binary cross-entropy, early stopping."""
 
-    learning_rate: PositiveFloat = 1e-3
-    batch: PositiveInt = 16
+    learning_rate: PositiveFloat = 5e-3
+    batch: PositiveInt = 32
     """Examples in a batch of one member."""
-    max_epochs: PositiveInt = 50
+    max_epochs: PositiveInt = 100
     patience: PositiveInt = 10
     """A member stops after this many epochs without a lower validation loss, and keeps its best weights."""
 

@@ -47,8 +47,9 @@ class Pool:
 
     def tighten(self, rows: np.ndarray) -> None:
         """Look at one placement more of each of the given candidates [M], none of which is known yet."""
-        for length in np.unique(self._next_length[rows]):
-            some = rows[self._next_length[rows] == length]
+        lengths = self._next_length[rows]
+        for length in np.unique(lengths):
+            some = rows[lengths == length]
             self.bound[some] *= self._chance(some, int(length))
             self._next_length[some] += 1
 
@@ -70,7 +71,7 @@ class MonteCarloPlanner:
 
     candidates: PositiveInt
     """Random plans considered for each problem."""
-    chunk: PositiveInt = 1024
+    chunk: PositiveInt = 4096
     """Plans looked at between two decisions which to look at next."""
 
     def pool(self, candidates: Any, predictor: Predictor, rng: np.random.Generator) -> Pool:

@@ -3,7 +3,7 @@
 from apf.towers.balanced import balanced_towers
 from apf.towers.blocks import BlockSet, BlockSource
 from apf.towers.domain import TowerDomain
-from apf.towers.features import N_FEATURES, features
+from apf.towers.features import N_FEATURES, N_POSITION, features
 from apf.towers.files import read_blocks, read_towers, write_blocks, write_towers
 from apf.towers.rotations import QUATERNIONS, ROTATIONS, rotation_index
 from apf.towers.stability import standing_prefixes, stands
@@ -11,6 +11,7 @@ from apf.towers.towers import Offset, Towers, random_extensions, random_towers
 
 __all__ = [
     "N_FEATURES",
+    "N_POSITION",
     "QUATERNIONS",
     "ROTATIONS",
     "BlockSet",

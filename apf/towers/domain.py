@@ -17,7 +17,7 @@ from apf.errors import InputError
 from apf.settings import settings
 from apf.towers.balanced import balanced_towers
 from apf.towers.blocks import BlockSet, BlockSource
-from apf.towers.features import N_FEATURES, features
+from apf.towers.features import N_FEATURES, N_POSITION, features
 from apf.towers.files import tower_table
 from apf.towers.stability import stands
 from apf.towers.towers import Offset, Towers, random_extensions, random_towers
@@ -34,6 +34,7 @@ class TowerDomain:
     offset: Offset = Field(default_factory=Offset)
 
     n_features = N_FEATURES
+    n_position = N_POSITION
 
     @cached_property
     def training_blocks(self) -> BlockSet:

@@ -6,19 +6,23 @@ from apf.towers.towers import Towers
 
 N_FEATURES = 10
 """Mass, centre of mass (3), sides (3), position (3)."""
+N_POSITION = 3
+"""The last features are the position."""
+LENGTH = 0.1
+"""Unit of all lengths [m]: one for all, since a network adds centres of mass to positions."""
 
 
 def features(towers: Towers) -> np.ndarray:
     """[N, K, N_FEATURES] float32: mass, centre of mass, sides and position after rotation.
 
-    Lengths are in cm and centred (mass on 0.55 kg, sides on 10 cm), which brings all to about unit range.
-    Positions are relative to the bottom block: where on the table a tower stands does not matter.
+    All are of about unit range: lengths in units of 10 cm, sides less 10 cm, masses around 0.55 kg doubled. Positions
+    count from the bottom block: where on the table a tower stands does not matter.
     """
     n, k = towers.block.shape
     x = np.empty((n, k, N_FEATURES), np.float32)
-    x[..., 0] = towers.mass - 0.55
-    x[..., 1:4] = towers.com * 100
-    x[..., 4:7] = (towers.dims - 0.1) * 100
-    x[..., 7:9] = (towers.xy - towers.xy[:, :1]) * 100
-    x[..., 9] = (towers.z - towers.z[:, :1]) * 100
+    x[..., 0] = (towers.mass - 0.55) * 2
+    x[..., 1:4] = towers.com / LENGTH
+    x[..., 4:7] = towers.dims / LENGTH - 1
+    x[..., 7:9] = (towers.xy - towers.xy[:, :1]) / LENGTH
+    x[..., 9] = (towers.z - towers.z[:, :1]) / LENGTH
     return x

@@ -1,0 +1,76 @@
+"""What tests share: block sets, a domain, towers made by hand, and a model that never learns."""
+
+from collections.abc import Callable, Sequence
+
+import hypothesis
+import numpy as np
+import pytest
+
+from apf.data import Kind
+from apf.towers import BlockSet, BlockSource, TowerDomain, Towers
+
+hypothesis.settings.register_profile("apf", deadline=None, derandomize=True, max_examples=50)
+hypothesis.settings.load_profile("apf")
+
+Placement = tuple[int, int, float, float]
+"""Block, rotation, x [m], y [m]."""
+
+
+class FakeEnsemble:
+    """Four members whose answers are a fixed function of the plans: prefix i depends on placements 1..i only."""
+
+    def __init__(self, kind: Kind = Kind.SUBSEQUENCE) -> None:
+        self.kind = kind
+
+    def predict(self, plans: Towers) -> np.ndarray:
+        """[4, N, K - 1], or [4, N, 1] for a complete model."""
+        placement = 0.37 * plans.block + 0.11 * plans.rotation + 5 * plans.xy[..., 0] - 3 * plans.xy[..., 1]
+        prefix = np.cumsum(placement, axis=1)
+        member = np.arange(1, 5)[:, None, None]
+        p = 0.5 + 0.49 * np.sin(prefix + 0.4 * member * np.sin(3 * prefix))
+        return p[..., -1:] if self.kind is Kind.COMPLETE else p[..., 1:]
+
+
+@pytest.fixture(scope="session")
+def cubes() -> BlockSet:
+    """Six cubes of 1/8 m (exact in binary), mass 1 kg, centre of mass in the middle."""
+    return BlockSet(tuple("abcdef"), np.full((6, 3), 0.125), np.zeros((6, 3)), np.ones(6))
+
+
+@pytest.fixture(scope="session")
+def blocks() -> BlockSet:
+    """Seven random blocks of the published distribution."""
+    return BlockSource(blocks=7, seed=3).load()
+
+
+@pytest.fixture(scope="session")
+def domain() -> TowerDomain:
+    """Six training blocks and six others."""
+    return TowerDomain(training=BlockSource(blocks=6, seed=0), evaluation=BlockSource(blocks=6, seed=1))
+
+
+@pytest.fixture(scope="session")
+def build() -> Callable[..., Towers]:
+    """`build(blocks, tower, ...)`: a batch of towers, each a list of placements (block, rotation, x, y)."""
+
+    def build(blocks: BlockSet, *towers: Sequence[Placement]) -> Towers:
+        table = np.array(towers, float)
+        return Towers(blocks, table[..., 0].astype(int), table[..., 1].astype(int), table[..., 2:])
+
+    return build
+
+
+@pytest.fixture(scope="session")
+def line(build: Callable[..., Towers]) -> Callable[..., Towers]:
+    """`line(blocks, xs)`: one tower of blocks 0, 1, 2, ..., not rotated, at the given x and y = 0."""
+
+    def line(blocks: BlockSet, xs: Sequence[float]) -> Towers:
+        return build(blocks, [(i, 0, x, 0.0) for i, x in enumerate(xs)])
+
+    return line
+
+
+@pytest.fixture(scope="session")
+def fake_ensemble() -> Callable[..., FakeEnsemble]:
+    """Makes a `FakeEnsemble` of the given kind."""
+    return FakeEnsemble

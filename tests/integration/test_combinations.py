@@ -1,0 +1,117 @@
+"""Every preset, and every combination of model, sampler and world, composes, validates and runs a step."""
+
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hydra import compose, initialize_config_dir
+from omegaconf import DictConfig
+
+from apf.config import config_dir, validate
+from apf.data import Kind
+from apf.experiment import Experiment
+from apf.main import make_model
+from apf.planning import Evaluator
+from apf.store import Store
+from apf.tracking import NoTracker
+from integration.command_line import TINY, options
+
+PRESETS = ["smoke"]
+MODELS = ["fcgn", "lstm", "tgn"]
+SAMPLERS = ["complete", "greedy", "incremental", "random_comp", "random_ss", "sequential"]
+WORLDS = ["analytic", "noisy"]
+
+
+def composed(*overrides: str) -> DictConfig:
+    with initialize_config_dir(config_dir(), version_base="1.3"):
+        return compose("config", [*overrides, *TINY, "sampler.candidates.n=50"])
+
+
+def run(cfg: DictConfig, directory: Path) -> Store:
+    """One acquisition, as apf/main.py does it. Returns the store of the run, open."""
+    config = validate(cfg)
+    store = Store(directory, config.domain)
+    Experiment(
+        seed=config.seed,
+        towers=config.towers,
+        every=config.evaluation.every,
+        initial=config.initial,
+        acquisition=config.acquisition,
+        sampler=config.sampler,
+        world=config.world,
+        model=make_model(cfg, config),
+        evaluator=Evaluator(config.evaluation, config.domain, config.planner, config.task),
+        store=store,
+        tracker=NoTracker(),
+    ).run()
+    return store
+
+
+def must_have_run(store: Store, cfg: DictConfig) -> None:
+    assert store.count(until=0) == 8
+    assert store.count(until=1) == 12
+    assert store.evaluated(0)
+    assert store.evaluated(1)
+    _, scores = store.executed(1)
+    assert len(scores) == 4
+    assert np.isfinite(scores).all()
+    assert len(store.regret()) == 2 * len(cfg.task)
+    assert store.accuracy()["accuracy"].between(0, 1).all()
+    assert store.weights(0).read_bytes() != store.weights(1).read_bytes()
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_preset(preset: str, tmp_path: Path) -> None:
+    cfg = composed(f"+experiment={preset}")
+    store = run(cfg, tmp_path)
+    must_have_run(store, cfg)
+    store.close()
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_preset_as_it_stands_is_valid(preset: str) -> None:
+    with initialize_config_dir(config_dir(), version_base="1.3"):
+        validate(compose("config", [f"+experiment={preset}"]))
+
+
+@pytest.mark.parametrize(
+    ("group", "tested"), [("experiment", PRESETS), ("model", MODELS), ("sampler", SAMPLERS), ("world", WORLDS)]
+)
+def test_every_option_is_tested_here(group: str, tested: list[str]) -> None:
+    assert options(group) == tested
+
+
+@pytest.mark.parametrize(("model", "sampler", "world"), list(product(MODELS, SAMPLERS, WORLDS)))
+def test_combination(model: str, sampler: str, world: str, tmp_path: Path) -> None:
+    cfg = composed(f"model={model}", f"sampler={sampler}", f"world={world}")
+    store = run(cfg, tmp_path)
+    must_have_run(store, cfg)
+    lengths = store.towers().query("step == 1").groupby("tower").size()
+    assert lengths.between(2, 5).all()
+    if sampler == "greedy":
+        assert (lengths == 5).all()
+    store.close()
+
+
+@pytest.mark.parametrize(("predictor", "world"), list(product(options("predictor"), WORLDS)))
+def test_predictor_and_world_of_the_evaluation_compose(predictor: str, world: str) -> None:
+    config = validate(composed(f"predictor={predictor}", f"world@evaluation.world={world}"))
+    assert type(config.evaluation.world).__name__.lower() == f"{world}world"
+    assert predictor in type(config.predictor).__name__.lower()
+
+
+@pytest.mark.parametrize("sampler", SAMPLERS)
+def test_kind_of_each_sampler(sampler: str) -> None:
+    config = validate(composed(f"sampler={sampler}"))
+    assert config.sampler.kind is (Kind.COMPLETE if sampler in ("complete", "random_comp") else Kind.SUBSEQUENCE)
+
+
+def test_large_block_sets_have_no_block_twice() -> None:
+    """The number of a block must hold any that the set may have."""
+    domain = validate(composed("domain.training.blocks=200")).domain
+    plans = domain.random_plans(5, 5000, np.random.default_rng(0))
+    numbers = np.unique(plans.block)
+    assert numbers.min() == 0
+    assert numbers.max() == 199
+    assert all(len(set(row)) == 5 for row in plans.block.tolist())

@@ -1,0 +1,301 @@
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pydantic import ValidationError
+
+from apf.planning import AnalyticPredictor, MonteCarloPlanner
+from apf.predictor import Predictor
+from apf.tasks import Overhang, Tallest, Task, Unsupported
+from apf.towers import Offset, random_towers, stands
+
+MANY = settings(max_examples=250)
+chunks = st.sampled_from([1, 2, 7, 1024])
+
+
+@dataclass(frozen=True)
+class Plans:
+    """Plans that are nothing but their numbers: rows [N], chance of each prefix [N, K - 1], value [N]."""
+
+    row: np.ndarray
+    chance: np.ndarray
+    value: np.ndarray
+
+    def __len__(self):
+        return len(self.row)
+
+    @property
+    def length(self):
+        return self.chance.shape[1] + 1
+
+    def __getitem__(self, rows):
+        return Plans(self.row[rows], self.chance[rows], self.value[rows])
+
+    def prefix(self, length):
+        return Plans(self.row, self.chance[:, : length - 1], self.value)
+
+
+class Worth(Task):
+    unit = "m"
+
+    def value(self, plans):
+        return plans.value
+
+
+class OtherWorth(Task):
+    unit = "m"
+
+    def value(self, plans):
+        return plans.value.max() - plans.value + 1
+
+
+class ByPrefix(Predictor):
+    """Knows the chances, prefix by prefix, and counts what it was asked."""
+
+    by_prefix = True
+
+    def __init__(self):
+        self.asked = []
+
+    def feasibility(self, plans, rng):
+        raise AssertionError("asked for whole plans")
+
+    def last_feasibility(self, plans):
+        self.asked.extend((int(row), plans.length) for row in plans.row)
+        return plans.chance[:, -1]
+
+
+class Whole(Predictor):
+    """Knows the chances of whole plans only."""
+
+    def __init__(self):
+        self.asked = []
+
+    def feasibility(self, plans, rng):
+        self.asked.extend(plans.row.tolist())
+        return plans.chance.prod(1)
+
+
+class Rounding(ByPrefix):
+    """As a network does: the last bits depend on how many plans are scored at once, and on where in the batch."""
+
+    def last_feasibility(self, plans):
+        noise = np.sin(1000.0 * len(plans) + 7.0 * np.arange(len(plans)) + plans.length)
+        exact = super().last_feasibility(plans)
+        return exact if len(plans) == 1 else (exact * (1 + 1e-7 * noise)).astype(np.float32)
+
+
+class RoundingWhole(Whole):
+    """The same for a model of whole plans."""
+
+    def feasibility(self, plans, rng):
+        noise = np.sin(1000.0 * len(plans) + 7.0 * np.arange(len(plans)))
+        exact = super().feasibility(plans, rng)
+        return exact if len(plans) == 1 else (exact * (1 + 1e-7 * noise)).astype(np.float32)
+
+
+class Drawing(Predictor):
+    """Another answer each time: the first time all plans are feasible, then none is."""
+
+    random = True
+
+    def __init__(self):
+        self.asked = []
+
+    def feasibility(self, plans, rng):
+        self.asked.append(plans.row.tolist())
+        return np.full(len(plans), 1.0 if len(self.asked) == 1 else 0.0)
+
+
+def make(chance, value):
+    chance = np.array(chance, float)
+    return Plans(np.arange(len(chance)), chance, np.array(value, float))
+
+
+def exhaustive(plans):
+    """The first row of highest P x V, and that: every candidate is looked at."""
+    best, best_row = -1.0, -1
+    for row in range(len(plans)):
+        p = 1.0
+        for chance in plans.chance[row]:
+            p *= chance
+        if p * plans.value[row] > best:
+            best, best_row = p * plans.value[row], row
+    return best_row, best
+
+
+def plan(plans, predictor, chunk=1024, task=None):
+    planner = MonteCarloPlanner(candidates=len(plans), chunk=chunk)
+    return planner.plan(task or Worth(), planner.pool(plans, predictor, np.random.default_rng(0)))
+
+
+@st.composite
+def coarse_cases(draw):
+    """Few different chances and values, exact in binary: plenty of exact ties, zeros and ones."""
+    n, prefixes = draw(st.integers(1, 25)), draw(st.integers(1, 4))
+    chance = st.sampled_from([0.0, 0.25, 0.5, 0.75, 1.0, 1.0])
+    value = st.sampled_from([0.0, 0.5, 1.0, 1.5, 3.0])
+    return make(
+        [[draw(chance) for _ in range(prefixes)] for _ in range(n)],
+        [draw(value) for _ in range(n)],
+    )
+
+
+@st.composite
+def fine_cases(draw):
+    """Any chances and values, some of them near-equal within a few millionths."""
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    n, prefixes = draw(st.integers(1, 60)), draw(st.integers(1, 4))
+    chance = rng.beta(draw(st.sampled_from([0.3, 1.0, 8.0])), 0.5, (n, prefixes))
+    value = rng.uniform(0.1, 0.5, n)
+    copies = rng.integers(n, size=n)
+    near = rng.random(n) < 0.3
+    chance[near] = chance[copies][near]
+    value[near] = value[copies][near] * (1 + 1e-6 * rng.normal(size=near.sum()))
+    return make(chance, value)
+
+
+@MANY
+@given(plans=coarse_cases(), by_prefix=st.booleans(), chunk=chunks)
+def test_the_first_of_the_best_is_chosen(plans, by_prefix, chunk):
+    choice = plan(plans, ByPrefix() if by_prefix else Whole(), chunk)
+    row, expected = exhaustive(plans)
+    assert (choice.index, choice.expected, choice.value) == (row, expected, plans.value[row])
+
+
+@MANY
+@given(plans=fine_cases(), by_prefix=st.booleans(), chunk=chunks)
+def test_the_best_is_chosen_also_if_others_are_almost_as_good(plans, by_prefix, chunk):
+    choice = plan(plans, ByPrefix() if by_prefix else Whole(), chunk)
+    row, expected = exhaustive(plans)
+    assert choice.index == row
+    assert choice.expected == pytest.approx(expected, rel=1e-12)
+    assert choice.value == plans.value[row]
+
+
+@MANY
+@given(plans=st.one_of(coarse_cases(), fine_cases()), by_prefix=st.booleans())
+def test_rounding_that_depends_on_the_batch_does_not_move_the_choice(plans, by_prefix):
+    row, expected = exhaustive(plans)
+    for chunk in (1, 2, 3, 7, 1024):
+        choice = plan(plans, Rounding() if by_prefix else RoundingWhole(), chunk)
+        assert choice.index == row
+        assert choice.expected == pytest.approx(expected, rel=1e-6)
+
+
+@given(plans=coarse_cases(), predictor=st.sampled_from([ByPrefix, Whole, Rounding, RoundingWhole]), chunk=chunks)
+def test_tasks_that_share_a_pool_do_not_disturb_each_other(plans, predictor, chunk):
+    planner = MonteCarloPlanner(candidates=len(plans), chunk=chunk)
+    pool = planner.pool(plans, predictor(), np.random.default_rng(0))
+    first, second, first_again = (planner.plan(task, pool) for task in (Worth(), OtherWorth(), Worth()))
+    assert first == first_again
+    assert first.index == plan(plans, ByPrefix()).index
+    assert second.index == plan(plans, ByPrefix(), task=OtherWorth()).index
+
+
+@pytest.mark.parametrize("predictor", [ByPrefix, Whole])
+class TestEdges:
+    def test_nothing_is_feasible(self, predictor):
+        plans = make(np.zeros((9, 3)), np.arange(1, 10))
+        choice = plan(plans, predictor(), chunk=2)
+        assert (choice.index, choice.value, choice.expected) == (0, 1.0, 0.0)
+
+    def test_everything_is_feasible(self, predictor):
+        plans = make(np.ones((9, 3)), [1, 5, 2, 7, 7, 3, 7, 0, 1])
+        choice = plan(plans, predictor(), chunk=2)
+        assert (choice.index, choice.value, choice.expected) == (3, 7.0, 7.0)
+
+    def test_nothing_is_worth_anything(self, predictor):
+        choice = plan(make(np.ones((4, 2)), np.zeros(4)), predictor())
+        assert (choice.index, choice.value, choice.expected) == (0, 0.0, 0.0)
+
+    def test_a_single_candidate(self, predictor):
+        choice = plan(make([[0.5, 0.25]], [8]), predictor())
+        assert (choice.index, choice.value, choice.expected) == (0, 8.0, 1.0)
+
+    def test_chance_outweighs_value(self, predictor):
+        # 10 * 0.25 = 2.5, 4 * 0.75 = 3, 3 * 1 = 3: the first of the two best, not the most valuable
+        choice = plan(make([[0.5, 0.5], [0.75, 1], [1, 1]], [10, 4, 3]), predictor())
+        assert (choice.index, choice.value, choice.expected) == (1, 4.0, 3.0)
+
+
+class TestPruning:
+    def test_plans_of_too_little_value_are_never_looked_at(self):
+        # the first is worth 5 for sure; only those worth more, or as much, are looked at
+        plans = make([[1.0, 1.0]] + [[0.5, 0.5]] * 4, [5, 6, 4.9, 4, 1])
+        predictor = ByPrefix()
+        assert plan(plans, predictor, chunk=1).index == 0
+        assert {row for row, _ in predictor.asked} == {0, 1}
+
+    def test_a_prefix_that_is_unlikely_ends_the_search_for_its_plan(self):
+        # 10 * 0.1 = 1 is less than 5: the second plan's longer prefixes do not matter
+        plans = make([[1.0, 1.0, 1.0], [0.1, 1.0, 1.0]], [5, 10])
+        predictor = ByPrefix()
+        assert plan(plans, predictor, chunk=1).index == 0
+        assert (1, 2) in predictor.asked
+        assert not {(1, 3), (1, 4)} & set(predictor.asked)
+
+    def test_most_candidates_are_not_looked_at(self, blocks):
+        towers = random_towers(blocks, 5, 20_000, np.random.default_rng(0), Offset(sd=0.25))
+
+        class Counting(Predictor):
+            by_prefix = True
+            seen = 0
+
+            def feasibility(self, plans, rng):
+                raise AssertionError("asked for whole plans")
+
+            def last_feasibility(self, plans):
+                self.seen += len(plans)
+                return stands(plans).astype(float)
+
+        predictor = Counting()
+        planner = MonteCarloPlanner(candidates=20_000, chunk=100)
+        choice = planner.plan(Tallest(), planner.pool(towers, predictor, np.random.default_rng(0)))
+        assert choice.index == int((stands(towers) * Tallest().value(towers)).argmax())
+        assert predictor.seen < 5000
+
+    def test_a_second_task_uses_what_the_first_has_learned(self):
+        plans = make(np.full((50, 3), 0.9), np.linspace(1, 1.1, 50))
+        predictor = ByPrefix()
+        planner = MonteCarloPlanner(candidates=50)
+        pool = planner.pool(plans, predictor, np.random.default_rng(0))
+        planner.plan(Worth(), pool)
+        assert len(set(predictor.asked)) == 50 * 3
+        before = len(predictor.asked)
+        planner.plan(Worth(), pool)
+        assert len(predictor.asked) == before
+
+
+class TestPredictorsThatDraw:
+    def test_all_candidates_are_asked_about_at_once(self):
+        predictor = Drawing()
+        plan(make(np.ones((5, 2)), [1, 2, 3, 4, 5]), predictor, chunk=2)
+        assert predictor.asked == [[0, 1, 2, 3, 4]]
+
+    def test_they_are_not_asked_again_about_plans_that_tie(self):
+        predictor = Drawing()
+        choice = plan(make(np.ones((5, 2)), [1, 3, 2, 3, 3]), predictor)
+        assert predictor.asked == [[0, 1, 2, 3, 4]]
+        assert (choice.index, choice.value, choice.expected) == (1, 3.0, 3.0)
+
+
+@pytest.mark.parametrize("task", [Tallest(), Overhang(), Unsupported()], ids=lambda task: type(task).__name__)
+@pytest.mark.parametrize("chunk", [3, 1024])
+def test_with_towers_the_plan_is_the_best_that_stands(blocks, task, chunk):
+    for seed in range(5):
+        towers = random_towers(blocks, 4, 3000, np.random.default_rng(seed))
+        planner = MonteCarloPlanner(candidates=3000, chunk=chunk)
+        pool = planner.pool(towers, AnalyticPredictor(), np.random.default_rng(0))
+        choice = planner.plan(task, pool)
+        reward = np.where(stands(towers), task.value(towers), 0.0)
+        assert choice.index == int(reward.argmax())
+        assert choice.value == choice.expected == reward.max() > 0
+
+
+@pytest.mark.parametrize("wrong", [{"candidates": 0}, {"candidates": 10, "chunk": 0}, {"n": 10}])
+def test_wrong_settings_are_refused(wrong):
+    with pytest.raises(ValidationError):
+        MonteCarloPlanner(**wrong)
