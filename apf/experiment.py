@@ -78,8 +78,8 @@ class Experiment:
                 self.evaluate(step, self.model)
 
     def due(self, step: int) -> bool:
-        """Is this step evaluated?"""
-        return step % self.every == 0 or step == self.steps
+        """Is this step evaluated? The last one always is; the initial model only if it is the last."""
+        return (step > 0 and step % self.every == 0) or step == self.steps
 
     def choose(self, step: int) -> None:
         """Decide which plans to try: random ones first, then those that the model would learn most from."""

@@ -28,7 +28,7 @@ def test_a_further_counter_of_zero_makes_another_stream(counters):
 
 
 def test_streams_are_the_same_everywhere():
-    # pinned: changing it changes every result
+    # pinned: to change it changes every result
     assert start(0, "world", 1) == 2224110881352266073
 
 

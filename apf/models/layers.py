@@ -34,7 +34,7 @@ class EnsembleLinear(nn.Module):
 class EnsembleNetwork(nn.Module):
     """Base of every network: E members side by side, whose stacked parameters all begin with axis E.
 
-    Sub-classes implement `forward`. A network sees a plan as features [K, F] of its placements, bottom first; it is made
+    Sub-classes implement `forward`. A network sees a plan as features [K, F] of its placements, bottom first. It is made
     with `members`, `n_features` = F, and `n_position`, how many of the last features are a position.
     """
 

@@ -37,8 +37,7 @@ class Pool:
         self.rng = rng
         n, length = len(candidates), candidates.length
         self.bound = np.ones(n)
-        self._first = 2 if predictor.by_prefix else length
-        self._next_length = np.full(n, self._first, np.int8)
+        self._next_length = np.full(n, 2 if predictor.by_prefix else length, np.int8)
 
     @property
     def known(self) -> np.ndarray:
@@ -55,8 +54,7 @@ class Pool:
 
     def alone(self, row: int) -> float:
         """P of one candidate, computed apart from all others."""
-        one = np.array([row])
-        return float(np.prod([self._chance(one, k)[0] for k in range(self._first, self.candidates.length + 1)]))
+        return float(self.predictor.feasibility(self.candidates[row : row + 1], self.rng)[0])
 
     def _chance(self, rows: np.ndarray, length: int) -> np.ndarray:
         plans = self.candidates[rows]

@@ -25,16 +25,20 @@ TINY = (
     "towers=12",
     "initial.train=4",
     "initial.validation=4",
+    "acquisition.towers=2",
+    "acquisition.validation=1",
     "training.max_epochs=1",
     "model.members=2",
     "model.network.hidden=8",
+    "evaluation.every=1",
     "evaluation.problems=1",
     "evaluation.blocks=2",
     "evaluation.lengths=[2]",
     "evaluation.test_towers=4",
     "planner.candidates=64",
+    "sampler.candidates.n=50",
 )
-"""One acquisition of four towers, evaluated before and after, in about a second."""
+"""Eight initial towers, then two acquisitions of two, evaluated after each, in about a second."""
 
 SMOKE = (
     "+experiment=smoke",

@@ -8,7 +8,9 @@ from dataclasses import asdict
 from pathlib import Path
 
 import pytest
+import torch
 
+import apf.main
 from integration.command_line import SMOKE, TINY, Result, spawn
 
 
@@ -73,8 +75,20 @@ def sweep(once: Callable) -> Path:
     return folder
 
 
+@pytest.fixture(scope="session", autouse=True)
+def one_thread() -> None:
+    """As a run would have it by itself: threads that wait for each other take the processor from all workers."""
+    torch.set_num_threads(1)
+
+
 @pytest.fixture
 def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """An empty folder that is the current directory."""
     monkeypatch.chdir(tmp_path)
     return tmp_path
+
+
+@pytest.fixture
+def no_figures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Figures take most of the time of a tiny run, and do not always matter."""
+    monkeypatch.setattr(apf.main, "save_figures", lambda directory: None)

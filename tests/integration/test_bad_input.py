@@ -13,7 +13,7 @@ UNKNOWN_OPTION = [
     ("tracker=nonsense", "tracker", "wandb"),
     ("domain=nonsense", "domain", "towers"),
     ("task=nonsense", "task", "tallest"),
-    ("task=[tallest,nonsense]", "task", "overhang"),
+    ("task=[tallest,nonsense]", "task", "nonsense"),
     ("world@evaluation.world=nonsense", "world", "nonsense"),
     ("+experiment=nonsense", "experiment", "smoke"),
     ("+nonsense=option", "nonsense", "no such key"),
@@ -23,9 +23,9 @@ UNKNOWN_KEY = [
     *((f"{sign}nonsense=1", "nonsense") for sign in ("", "+", "++")),
     *((f"{sign}training.nonsense=1", "training.nonsense") for sign in ("", "+", "++")),
     *((f"{sign}model.nonsense=1", "model.nonsense") for sign in ("", "+", "++")),
+    *((f"{sign}sampler.candidates.nonsense=1", "sampler.candidates.nonsense") for sign in ("+", "++")),
     *(
-        (f"{sign}{group}.nonsense=1", f"{group}.nonsense")
-        for sign in ("+", "++")
+        (f"+{group}.nonsense=1", f"{group}.nonsense")
         for group in (
             "initial",
             "acquisition",
@@ -37,7 +37,6 @@ UNKNOWN_KEY = [
             "model.network",
             "sampler",
             "sampler.initial",
-            "sampler.candidates",
             "sampler.candidates.lengths",
             "sampler.score",
             "world",
@@ -238,11 +237,15 @@ BAD_BLOCKS = {
 
 
 @pytest.mark.parametrize("case", BAD_BLOCKS)
-@pytest.mark.parametrize("which", ["training", "evaluation"])
-def test_bad_block_file(here: Path, case: str, which: str) -> None:
+def test_bad_block_file(here: Path, case: str) -> None:
     changes, words = BAD_BLOCKS[case]
     block_file(here / "mine.csv", **changes)
-    refused(here, f"domain.{which}.file=mine.csv", words=("mine.csv", *words))
+    refused(here, "domain.training.file=mine.csv", words=("mine.csv", *words))
+
+
+def test_bad_block_file_of_the_evaluation(here: Path) -> None:
+    block_file(here / "mine.csv", dim_x=0)
+    refused(here, "domain.evaluation.file=mine.csv", words=("mine.csv", "dim_x", "block_01"))
 
 
 def test_block_files_that_are_none(here: Path) -> None:

@@ -40,9 +40,8 @@ def test_the_same_seed_in_another_process(smoke: tuple[Path, Result], tmp_path: 
 @pytest.mark.slow
 def test_another_seed_differs(smoke: tuple[Path, Result], here: Path) -> None:
     call(*SMOKE, "seed=1", "hydra.run.dir=run").must_work()
-    for name in ("accuracy", "towers"):
-        one, other = (pd.read_parquet(run / f"{name}.parquet") for run in (smoke[0], here / "run"))
-        assert not one.equals(other), name
+    one, other = (pd.read_parquet(run / "towers.parquet") for run in (smoke[0], here / "run"))
+    assert not set(one["x"]) & set(other["x"]) - {0.0}, "no placement comes twice"
     for path in (smoke[0] / "weights").iterdir():
         assert path.read_bytes() != (here / "run" / "weights" / path.name).read_bytes()
 
@@ -51,7 +50,7 @@ def test_another_seed_differs(smoke: tuple[Path, Result], here: Path) -> None:
 def test_problems_are_the_same_for_all_seeds(smoke: tuple[Path, Result], here: Path) -> None:
     call(*SMOKE, "seed=1", "towers=20", "hydra.run.dir=run").must_work()
     one, other = (pd.read_parquet(run / "regret.parquet") for run in (smoke[0], here / "run"))
-    one = one[one["step"] == 0]
+    one = one[one["step"] == 1]
     assert len(other) == len(one)
     assert other["best_value"].tolist() == one["best_value"].tolist()
 
@@ -113,7 +112,8 @@ MOMENTS = {
     "evaluation recorded, tables not written": dies(Store, "export", 1, after=False),
     "evaluated": dies(Store, "record_evaluation", 1, after=True),
     "next plans chosen": dies(Store, "plan", 2, after=True),
-    "some of the next labelled": dies(Store, "record", 10, after=True),
+    "some of the next labelled": dies(Store, "record", 9, after=True),
+    "trained again": dies(Ensemble, "fit", 2, after=True),
     "all labelled": dies(Store, "record", 12, after=True),
     "last evaluation recorded, tables not written": dies(Store, "export", 2, after=False),
     "tables written, figures not": dies(Store, "export", 3, after=True),
@@ -129,6 +129,7 @@ def uninterrupted(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     return {sampler: root / sampler for sampler in ("incremental", "complete")}
 
 
+@pytest.mark.usefixtures("no_figures")
 @pytest.mark.parametrize("moment", MOMENTS)
 def test_a_run_stopped_at_any_moment_ends_the_same(
     moment: str, uninterrupted: dict[str, Path], here: Path, monkeypatch: pytest.MonkeyPatch
@@ -143,6 +144,7 @@ def test_a_run_stopped_at_any_moment_ends_the_same(
     assert "finished" in call(*command).must_work().err
 
 
+@pytest.mark.usefixtures("no_figures")
 def test_a_run_stopped_again_and_again_ends_the_same(
     uninterrupted: dict[str, Path], here: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -157,6 +159,7 @@ def test_a_run_stopped_again_and_again_ends_the_same(
     must_be_equal(uninterrupted["complete"], here / "run")
 
 
+@pytest.mark.usefixtures("no_figures")
 def test_a_block_file_that_changed_since_does_not_change_what_was_labelled(
     here: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

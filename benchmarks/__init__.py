@@ -1,0 +1,1 @@
+"""What is timed, and against what: a plain reference implementation and the limit of the machine."""

@@ -1,0 +1,242 @@
+"""The learning half of what is timed: an epoch of training, and a whole acquisition. See `operations`."""
+
+import json
+import random
+import shutil
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+from torch.nn.functional import binary_cross_entropy_with_logits
+
+from apf.acquisition import Scored
+from apf.data import Examples, Labelled, examples
+from apf.experiment import TRAIN, VALIDATION, Experiment
+from apf.main import make_model
+from apf.models import Ensemble, Training
+from apf.models.training import fit
+from apf.planning import Evaluator
+from apf.rng import stream
+from apf.store import Store
+from apf.tracking import RunInfo, Tracker
+from benchmarks import reference as plain
+from benchmarks import reference_learning as plain_learning
+from benchmarks.limits import products_with_weights, replay
+from benchmarks.setting import SEED, Setting, reset
+from benchmarks.timing import Case, Target, Timed
+
+
+def epoch(setting: Setting, model: str, target: Target) -> Case:
+    """One epoch of training on all labelled towers."""
+    ensemble = setting.ensemble(f"model={model}")
+    train = setting.examples()
+    nearly_none = [Examples(train[0].x[:1], train[0].y[:1])]  # for validation, which is not timed here
+    one_epoch = changed(ensemble.training, max_epochs=1)
+    generators = new_generators(ensemble)
+    samples = plain_samples(setting.labelled)
+    check_training(ensemble, train, samples)
+
+    def ours() -> None:
+        fit(ensemble.network, ensemble.members, train, nearly_none, one_epoch, generators)
+
+    fraction = setting.sizes.members_reference
+    members = plain_members(ensemble)[:fraction]
+    optimisers = [torch.optim.Adam(member.parameters(), lr=ensemble.training.learning_rate) for member in members]
+    order = random.Random(SEED)
+
+    def reference() -> None:
+        for member, optimiser in zip(members, optimisers, strict=True):
+            plain_learning.train_epoch(member, optimiser, samples, order)
+
+    n, e, labels = setting.sizes.labelled, ensemble.members, sum(part.y.size for part in train)
+    return Case(
+        f"one epoch, {e} {model.upper()} members, {n} labelled towers x 4",
+        unit="labels",
+        amount=labels,
+        ours=Timed(ours),
+        reference=[Timed(reference, e / fraction)],
+        limit=[Timed(replay(products_with_weights(ensemble.network, ours)))],
+        target=target,
+        note=f"{sum(map(len, train)):,} views, {labels:,} labels, batches of {ensemble.training.batch} views; "
+        f"reference: batches of {plain_learning.TRAINING_BATCH} labels, {fraction} of {e} members, scaled",
+        repetitions=setting.sizes.repetitions,
+    )
+
+
+def check_training(ensemble: Ensemble, train: list[Examples], samples: plain_learning.Samples) -> None:
+    """The same samples in all; with the same weights the same logits, and on one batch the same loss and gradients."""
+    network, members = ensemble.network, plain_members(ensemble)
+    np.testing.assert_equal(sum(len(y) for _, y in samples.values()), sum(part.y.size for part in train))
+    batch = [Examples(part.x[::40], part.y[::40]) for part in train]
+    labels = sum(part.y.size for part in batch)
+    network.zero_grad()
+    loss = torch.zeros(ensemble.members)
+    plain_loss = [torch.zeros(()) for _ in members]
+    for part in batch:
+        x, y = torch.from_numpy(part.x), torch.from_numpy(part.y)
+        logits = network(x.expand(ensemble.members, *x.shape))
+        loss = loss + cross_entropy(logits, y.expand_as(logits)).sum((1, 2)) / labels
+        for e, member in enumerate(members):
+            for prefix in range(y.shape[1]):  # each a sample of its own
+                plain_logits = member(x[:, : prefix + 2])
+                torch.testing.assert_close(plain_logits, logits[e, :, prefix], rtol=1e-4, atol=1e-5)
+                plain_loss[e] = plain_loss[e] + cross_entropy(plain_logits, y[:, prefix]).sum() / labels
+    loss.sum().backward()
+    torch.testing.assert_close(torch.stack(plain_loss), loss, rtol=1e-4, atol=1e-5)
+    gradients = {name: weight.grad for name, weight in network.named_parameters() if weight.grad is not None}
+    for e, member in enumerate(members):
+        plain_loss[e].backward()
+        plain_gradients = {name: weight.grad for name, weight in member.named_parameters()}
+        for name, gradient in plain_learning.plain_names({n: g[e] for n, g in gradients.items()}).items():
+            torch.testing.assert_close(plain_gradients[name], gradient, rtol=1e-3, atol=1e-6)
+    network.zero_grad()
+    with_all_in_one_batch = changed(ensemble.training, max_epochs=1, batch=10**9)
+    generators = new_generators(ensemble)
+    history = fit(network, ensemble.members, batch, batch[:1], with_all_in_one_batch, generators)
+    np.testing.assert_allclose(history.train_loss[0], loss.detach().numpy(), rtol=1e-4)
+    reset(ensemble)
+
+
+def acquisition(setting: Setting) -> Case:
+    """Train to convergence, propose, label, record: one turn of the loop, done by the experiment itself."""
+    sizes = setting.sizes
+    cfg, config = setting.config(f"towers={sizes.labelled + setting.default.acquisition.towers}")
+    ensemble, counter = make_model(cfg, config), EpochCounter()
+
+    def prepared() -> Experiment:
+        store = Store(Path(tempfile.mkdtemp(prefix="benchmark")), config.domain)
+        record_labelled(store, *setting.split)
+        return Experiment(
+            seed=SEED,
+            towers=config.towers,
+            every=config.evaluation.every,
+            initial=config.initial,
+            acquisition=config.acquisition,
+            sampler=config.sampler,
+            world=config.world,
+            model=ensemble,
+            evaluator=Evaluator(config.evaluation, config.domain, config.planner, config.task),
+            store=store,
+            tracker=counter,
+        )
+
+    def ours(experiment: Experiment) -> None:
+        experiment.learn(0)
+        experiment.choose(1)
+        experiment.execute(1)
+        experiment.store.close()
+        shutil.rmtree(experiment.store.directory)
+
+    ours(prepared())
+    train, validation = (examples(part, ensemble.kind, config.domain) for part in setting.split)
+    one_epoch, generators = changed(ensemble.training, max_epochs=1), new_generators(ensemble)
+    of_epoch = products_with_weights(
+        ensemble.network, lambda: fit(ensemble.network, ensemble.members, train, validation, one_epoch, generators)
+    )
+    of_proposal = products_with_weights(
+        ensemble.network,
+        lambda: config.sampler.propose(ensemble, config.domain, [], config.acquisition.towers, stream(SEED, "propose")),
+    )
+    e, epochs = ensemble.members, plain_learning.EPOCHS
+    return Case(
+        f"a whole acquisition at {sizes.labelled} towers",
+        unit="acquisitions",
+        amount=1,
+        ours=Timed(ours, setup=prepared),
+        reference=plain_acquisition(setting, plain_members(ensemble)),
+        limit=[Timed(replay(of_epoch), counter.epochs), Timed(replay(of_proposal))],
+        target=Target(ratio=12),
+        note=f"TGN; ours trains {counter.epochs} epochs, until no member's validation loss falls any more; reference: "
+        f"{epochs} epochs; of these {sizes.epochs_reference} of {sizes.members_reference} of {e} members are timed, "
+        f"and {sizes.candidates_reference} of {sizes.candidates:,} candidates, and scaled",
+        repetitions=sizes.acquisitions,
+    )
+
+
+def plain_acquisition(setting: Setting, members: Sequence[nn.Module]) -> list[Timed]:
+    """The parts of the reference's acquisition, each timed on its share of the work."""
+    sizes, domain, config = setting.sizes, setting.default.domain, setting.default.acquisition
+    blocks, rng = plain.block_list(domain.training_blocks), stream(SEED, "plain acquisition")
+    towers, labels = plain_towers(setting.labelled)
+    samples, validation = (plain_samples(part) for part in setting.split)
+    some_members, some_epochs = sizes.members_reference, sizes.epochs_reference
+    noise = getattr(setting.default.world, "noise", 0.0)
+
+    def train() -> None:
+        for member in members[:some_members]:
+            plain_learning.train(member, samples, validation, some_epochs, random.Random(SEED))
+
+    def propose() -> None:
+        for length in range(2, 6):
+            pool = [plain.random_tower(blocks, length, rng) for _ in range(sizes.candidates_reference // 4)]
+            plain_learning.expected_bald(members, pool)
+
+    def label_and_record() -> None:
+        with tempfile.NamedTemporaryFile("w") as file:
+            for tower in towers[: config.towers]:
+                outcome = plain.prefix_labels(plain.displaced(tower, noise, rng))
+                json.dump({"tower": [asdict(block) for block in tower], "labels": outcome}, file)
+
+    return [
+        Timed(lambda: plain_learning.prefix_samples(towers, labels)),
+        Timed(train, len(members) / some_members * plain_learning.EPOCHS / some_epochs),
+        Timed(propose, sizes.candidates / sizes.candidates_reference),
+        Timed(label_and_record),
+    ]
+
+
+def record_labelled(store: Store, train: Sequence[Labelled], validation: Sequence[Labelled]) -> None:
+    """Make the labelled towers the run's initial ones."""
+    groups = [*train, *validation]
+    splits = [TRAIN] * sum(len(g.plans) for g in train) + [VALIDATION] * sum(len(g.plans) for g in validation)
+    store.plan(0, [Scored(g.plans[i : i + 1], np.nan) for g in groups for i in range(len(g.plans))], splits)
+    for number, outcome in enumerate(outcome for g in groups for outcome in g.labels):
+        store.record(number, outcome)
+
+
+class EpochCounter(Tracker):
+    """Notes how many epochs the last training took."""
+
+    epochs = 0
+
+    def start(self, run: RunInfo) -> None: ...
+
+    def log(self, step: int, towers: int, metrics: Mapping[str, float]) -> None:
+        self.epochs = int(metrics.get("loss/epochs", self.epochs))
+
+    def finish(self, failed: bool) -> None: ...
+
+
+def plain_members(ensemble: Ensemble) -> list[nn.Module]:
+    """The ensemble's members as plain modules of the same weights."""
+    return plain_learning.plain_members(ensemble.network, ensemble.domain.n_features, ensemble.domain.n_position)
+
+
+def plain_towers(labelled: Sequence[Labelled]) -> tuple[list[plain.Tower], list[list[int]]]:
+    """The labelled towers as objects, and their labels."""
+    towers = [tower for group in labelled for tower in plain.tower_list(group.plans)]
+    return towers, [outcome.tolist() for group in labelled for outcome in group.labels]
+
+
+def plain_samples(labelled: Sequence[Labelled]) -> plain_learning.Samples:
+    """What the reference learns from."""
+    return plain_learning.prefix_samples(*plain_towers(labelled))
+
+
+def changed(training: Training, **values: int) -> Training:
+    """The same settings but for these."""
+    return Training(**(vars(training) | values))
+
+
+def new_generators(ensemble: Ensemble) -> list[torch.Generator]:
+    """One per member."""
+    return [torch.Generator().manual_seed(e) for e in range(ensemble.members)]
+
+
+def cross_entropy(logits: Tensor, y: Tensor) -> Tensor:
+    """Of each label, any shape."""
+    return binary_cross_entropy_with_logits(logits, y, reduction="none")

@@ -1,0 +1,91 @@
+"""What the machine could do at best: the same matrix products and nothing else, or one pass over the same memory."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import torch
+from torch import nn
+from torch.utils._python_dispatch import TorchDispatchMode
+
+Product = tuple[int, int, int, int]
+"""[B, N, M] @ [B, M, P] as (B, N, M, P)."""
+
+COPIED = 64 * 2**20
+"""Bytes of the array whose copy shows the memory's bandwidth: more than any cache holds."""
+
+_aten = torch.ops.aten
+_OPERANDS = {_aten.mm.default: 0, _aten.bmm.default: 0, _aten.addmm.default: 1, _aten.baddbmm.default: 1}
+"""Products, and which of their arguments is the left matrix."""
+
+
+class _Recorder(TorchDispatchMode):
+    """Notes the shapes of the matrix products made while it is active."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.products: list[Product] = []
+
+    def __torch_dispatch__(self, func: Any, types: Any, args: tuple = (), kwargs: Any = None) -> Any:
+        first = _OPERANDS.get(func)
+        if first is None:
+            with self:
+                result = func.decompose(*args, **(kwargs or {}))  # in inference mode products come inside others
+            if result is not NotImplemented:
+                return result
+        else:
+            left, right = args[first : first + 2]
+            batch = left.shape[0] if left.ndim == 3 else 1
+            self.products.append((batch, left.shape[-2], left.shape[-1], right.shape[-1]))
+        return func(*args, **(kwargs or {}))
+
+
+def products_with_weights(network: nn.Module, work: Callable[[], object]) -> list[Product]:
+    """The matrix products that `work` makes, forwards and backwards, in their order.
+
+    Only those with a weight of the network as a factor or its gradient as the result: what else is written as a
+    product, such as sums over edges, could be done another way and does not count as necessary work.
+    """
+    weights = {tuple(sorted(p.shape[-2:])) for p in network.parameters()}
+    with _Recorder() as recorder:
+        work()
+
+    def has_weight(product: Product) -> bool:
+        _, n, m, p = product
+        return any(tuple(sorted(pair)) in weights for pair in ((n, m), (m, p), (n, p)))
+
+    return [product for product in recorder.products if has_weight(product)]
+
+
+def replay(products: list[Product]) -> Callable[[], None]:
+    """Work that makes the products again with `torch.bmm`, one thread, on arrays that exist already."""
+    arrays = {p: _arrays(*p) for p in set(products)}
+
+    def work() -> None:
+        with torch.inference_mode():
+            for product in products:
+                left, right, out = arrays[product]
+                torch.bmm(left, right, out=out)
+
+    return work
+
+
+def _arrays(b: int, n: int, m: int, p: int) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+    with torch.inference_mode():
+        return torch.randn(b, n, m), torch.randn(b, m, p), torch.empty(b, n, p)
+
+
+def flops(products: list[Product]) -> int:
+    """Multiplications and additions of the products."""
+    return sum(2 * b * n * m * p for b, n, m, p in products)
+
+
+def memory_pass(n_bytes: int) -> tuple[Callable[[], None], float]:
+    """A large copy, and by what its time is to be multiplied for that of reading or writing `n_bytes`."""
+    source = np.ones(COPIED, np.uint8)
+    target = np.zeros_like(source)
+
+    def work() -> None:
+        np.copyto(target, source)
+
+    return work, n_bytes / (2 * COPIED)

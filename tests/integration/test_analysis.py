@@ -1,0 +1,252 @@
+"""From run directories to curves: the two plot scripts, and how runs are grouped."""
+
+import runpy
+import shutil
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+
+from apf.errors import InputError
+from apf.runs import Run, find_runs, gather, label_runs
+from integration.command_line import ANALYSIS, spawn
+
+SCRIPTS = {"regret": ANALYSIS / "plot_regret.py", "accuracy": ANALYSIS / "plot_accuracy.py"}
+
+
+def plot(monkeypatch: pytest.MonkeyPatch, name: str, *arguments: str | Path) -> None:
+    """The script in this process."""
+    monkeypatch.setattr(sys, "argv", [SCRIPTS[name].name, *map(str, arguments)])
+    monkeypatch.syspath_prepend(str(ANALYSIS))
+    runpy.run_path(str(SCRIPTS[name]), run_name="__main__")
+
+
+def must_be_pictures(stem: Path) -> None:
+    assert stem.with_suffix(".png").read_bytes().startswith(b"\x89PNG")
+    assert stem.with_suffix(".pdf").read_bytes().startswith(b"%PDF")
+
+
+@pytest.mark.slow
+def test_plot_regret(sweep: Path, tmp_path: Path) -> None:
+    folder = shutil.copytree(sweep / "runs" / "mine", tmp_path / "sweep")
+    result = spawn([SCRIPTS["regret"], folder], cwd=tmp_path).must_work()
+    assert "sequential: 2 runs" in result.out
+    assert "random_ss: 2 runs" in result.out
+    assert str(folder / "regret.pdf") in result.out
+    must_be_pictures(folder / "regret")
+    drawn = pd.read_csv(folder / "regret.csv")
+    assert list(drawn.columns) == ["group", "task", "towers", "median", "q25", "q75", "runs", "problems"]
+    assert len(drawn) == 2 * 3 * 2
+    for sampler in ("sequential", "random_ss"):
+        tables = [pd.read_parquet(run / "regret.parquet") for run in folder.glob(f"{sampler}-*")]
+        assert len(tables) == 2
+        values = pd.concat(tables).dropna(subset=["regret"])
+        for task in ("tallest", "overhang", "unsupported"):
+            for towers in (10, 12):
+                row = drawn[(drawn["group"] == sampler) & (drawn["task"] == task) & (drawn["towers"] == towers)]
+                mine = values[(values["task"] == task) & (values["towers"] == towers)]["regret"].to_numpy()
+                expected = [np.median(mine), *np.percentile(mine, [25, 75])]
+                assert np.allclose(row[["median", "q25", "q75"]].iloc[0], expected)
+                assert row[["runs", "problems"]].iloc[0].tolist() == [2, len(mine)]
+
+
+@pytest.mark.slow
+def test_plot_accuracy(sweep: Path, tmp_path: Path) -> None:
+    folder = shutil.copytree(sweep / "runs" / "mine", tmp_path / "sweep")
+    spawn([SCRIPTS["accuracy"], folder, "--out", tmp_path / "figures" / "curve"], cwd=tmp_path).must_work()
+    must_be_pictures(tmp_path / "figures" / "curve")
+    drawn = pd.read_csv(tmp_path / "figures" / "curve.csv")
+    assert list(drawn.columns) == ["group", "length", "towers", "mean", "min", "max", "runs"]
+    assert len(drawn) == 2 * 2 * 2
+    for sampler in ("sequential", "random_ss"):
+        values = pd.concat(pd.read_parquet(run / "accuracy.parquet") for run in folder.glob(f"{sampler}-*"))
+        for length in (2, 3):
+            for towers in (10, 12):
+                row = drawn[(drawn["group"] == sampler) & (drawn["length"] == length) & (drawn["towers"] == towers)]
+                mine = values[(values["length"] == length) & (values["towers"] == towers)]["accuracy"].to_numpy()
+                assert len(mine) == 2
+                assert np.allclose(row[["mean", "min", "max"]].iloc[0], [mine.mean(), mine.min(), mine.max()])
+                assert row["runs"].iloc[0] == 2
+
+
+@pytest.mark.slow
+def test_one_panel_for_each_task_and_length(sweep: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    import apf.figures
+
+    figures = {}
+    save = apf.figures.save
+
+    def keeping(figure: Any, table: pd.DataFrame, stem: Path) -> list[Path]:
+        figures[stem.name] = ([axes.get_title() for axes in figure.axes], [len(axes.lines) for axes in figure.axes])
+        legends[stem.name] = [text.get_text() for legend in figure.legends for text in legend.get_texts()]
+        return save(figure, table, stem)
+
+    legends: dict[str, list[str]] = {}
+    monkeypatch.setattr(apf.figures, "save", keeping)
+    monkeypatch.delitem(sys.modules, "curves", raising=False)
+    for name in SCRIPTS:
+        plot(monkeypatch, name, sweep / "runs" / "mine", "--out", tmp_path / name)
+    assert figures["regret"] == (["Tallest tower", "Longest overhang", "Maximum unsupported area"], [2, 2, 2])
+    assert figures["accuracy"][0] == ["2 blocks", "3 blocks"]
+    for name in SCRIPTS:
+        assert set(legends[name]) == {"sequential", "random_ss"}
+
+
+@pytest.mark.slow
+def test_single_runs_can_be_given_and_count_once(
+    sweep: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture, tmp_path: Path
+) -> None:
+    folder = sweep / "runs" / "mine"
+    (one,) = folder.glob("sequential-*seed0-*")
+    (other,) = folder.glob("sequential-*seed1-*")
+    plot(monkeypatch, "regret", one, other, one, "--out", tmp_path / "curve")
+    assert "sequential: 2 runs" in capsys.readouterr().out
+    plot(monkeypatch, "regret", folder, one, "--out", tmp_path / "curve")
+    assert "sequential: 2 runs" in capsys.readouterr().out
+    plot(monkeypatch, "regret", one, "--out", tmp_path / "curve")
+    assert "sequential: 1 run\n" in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_runs_that_have_not_finished_are_left_out_and_named(
+    sweep: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture, tmp_path: Path
+) -> None:
+    folder = shutil.copytree(sweep / "runs" / "mine", tmp_path / "sweep")
+    (half,) = folder.glob("sequential-*seed0-*")
+    state = yaml.safe_load((half / "run.yaml").read_text())
+    (half / "run.yaml").write_text(yaml.safe_dump(state | {"finished": False}))
+    plot(monkeypatch, "accuracy", folder)
+    printed = capsys.readouterr()
+    assert "sequential: 1 run;" in printed.out or "sequential: 1 run\n" in printed.out
+    assert "random_ss: 2 runs" in printed.out
+    assert f"left out, not finished: {half}" in printed.err
+
+
+@pytest.mark.parametrize("name", SCRIPTS)
+def test_folders_without_runs(
+    name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture, tmp_path: Path
+) -> None:
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "half").mkdir()
+    (tmp_path / "half" / "run.yaml").write_text("finished: false\n")
+    for folder, words in (
+        ("empty", ("no finished run",)),
+        ("half", ("no finished run", "1", "not finished")),
+        ("nowhere", ("no such directory",)),
+    ):
+        with pytest.raises(SystemExit) as end:
+            plot(monkeypatch, name, tmp_path / folder)
+        line = str(end.value.code)
+        assert line.startswith("error: ")
+        assert len(line.splitlines()) == 1
+        assert folder in line
+        assert all(word in line for word in words)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["empty", "half"]
+    assert list((tmp_path / "empty").iterdir()) == []
+
+
+@pytest.mark.slow
+def test_in_a_process_of_its_own_an_error_is_one_line(tmp_path: Path) -> None:
+    spawn([SCRIPTS["regret"], tmp_path], cwd=tmp_path).must_refuse("no finished run", str(tmp_path))
+
+
+@pytest.mark.slow
+def test_a_run_that_lacks_a_table_is_named(sweep: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    folder = shutil.copytree(sweep / "runs" / "mine", tmp_path / "sweep")
+    (broken,) = folder.glob("sequential-*seed0-*")
+    for damage in ("missing", "no parquet file"):
+        if damage == "missing":
+            (broken / "regret.parquet").unlink()
+        else:
+            (broken / "regret.parquet").write_text("half a file")
+        with pytest.raises(SystemExit) as end:
+            plot(monkeypatch, "regret", folder)
+        assert str(end.value.code).startswith("error: ")
+        assert broken.name in str(end.value.code)
+
+
+def run(name: str, config: dict[str, Any], **choices: Any) -> Run:
+    """A run as `find_runs` would give it. A config has the keys that count here, and a seed."""
+    return Run(Path(name), {"seed": 0, "towers": 400, **config}, {"sampler": "sequential", "model": "tgn", **choices})
+
+
+def test_seeds_share_a_label() -> None:
+    assert label_runs([run("a", {"seed": 0}), run("b", {"seed": 1}), run("c", {"seed": 2})]) == ["sequential"] * 3
+
+
+def test_a_choice_names_the_group() -> None:
+    runs = [
+        run("a", {"sampler": {"kind": "subsequence", "n": 10}}, sampler="sequential"),
+        run("b", {"sampler": {"kind": "complete", "n": 10}}, sampler="complete"),
+        run("c", {"seed": 1, "sampler": {"kind": "complete", "n": 10}}, sampler="complete"),
+    ]
+    assert label_runs(runs) == ["sequential", "complete", "complete"]
+
+
+def test_a_nested_value_names_the_group() -> None:
+    runs = [run(str(seed), {"seed": seed, "world": {"noise": noise}}) for noise in (0.003, 0.01) for seed in (0, 1)]
+    assert label_runs(runs) == ["world.noise=0.003"] * 2 + ["world.noise=0.01"] * 2
+
+
+def test_a_value_that_varies_within_an_option_is_named_beside_it() -> None:
+    runs = [
+        run("a", {"sampler": {"n": 10}}, sampler="greedy"),
+        run("b", {"sampler": {"n": 20}}, sampler="greedy"),
+        run("c", {"sampler": {"n": 10}}, sampler="complete"),
+    ]
+    assert label_runs(runs) == [
+        "greedy, sampler.n=10",
+        "greedy, sampler.n=20",
+        "complete, sampler.n=10",
+    ]
+
+
+def test_two_choices_name_the_group() -> None:
+    runs = [
+        run("a", {"model": {"layers": 3}}, model="lstm", sampler="greedy"),
+        run("b", {"model": {"hidden": 64}}, model="tgn", sampler="complete"),
+    ]
+    assert [set(label.split(", ")) for label in label_runs(runs)] == [{"lstm", "greedy"}, {"tgn", "complete"}]
+
+
+def test_a_choice_at_another_place_names_the_group() -> None:
+    runs = [
+        run(name, {"evaluation": {"world": {"_target_": name}}}, **{"world@evaluation.world": name})
+        for name in ("analytic", "noisy")
+    ]
+    assert label_runs(runs) == ["analytic", "noisy"]
+
+
+def test_a_seed_of_something_else_is_a_difference() -> None:
+    runs = [run(str(seed), {"seed": seed, "domain": {"training": {"seed": seed}}}) for seed in (0, 1)]
+    assert label_runs(runs) == ["domain.training.seed=0", "domain.training.seed=1"]
+
+
+def test_what_does_not_change_the_results_does_not_set_runs_apart() -> None:
+    """Device, threads, the name of the sweep, and where a run was mirrored to."""
+    runs = [
+        run("a", {"device": "cpu", "threads": 1, "sweep": "x", "tracker": {"mode": "offline"}}, tracker="wandb"),
+        run("b", {"seed": 1, "device": "cuda", "threads": 4, "sweep": "y", "tracker": {}}, tracker="none"),
+    ]
+    assert label_runs(runs) == ["sequential", "sequential"]
+
+
+def test_lists_are_shown_whole() -> None:
+    runs = [run(str(n), {"evaluation": {"lengths": list(range(2, n))}}) for n in (4, 5)]
+    assert label_runs(runs) == ["evaluation.lengths=2+3", "evaluation.lengths=2+3+4"]
+
+
+@pytest.mark.slow
+def test_find_runs_and_gather(sweep: Path, tmp_path: Path) -> None:
+    runs, unfinished = find_runs([sweep])
+    assert len(runs) == 4
+    assert unfinished == []
+    table = gather(runs, "accuracy")
+    assert list(table.columns) == ["run", "group", "step", "towers", "length", "accuracy", "n"]
+    assert table.groupby("group")["run"].nunique().to_dict() == {"sequential": 2, "random_ss": 2}
+    with pytest.raises(InputError, match="no finished run"):
+        find_runs([tmp_path])

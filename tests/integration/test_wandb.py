@@ -1,0 +1,211 @@
+"""W&B is a mirror: offline by default, one run per job, finished each time, whatever happens."""
+
+import socket
+import threading
+import urllib.request
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import pytest
+import wandb
+import wandb.errors
+import yaml
+
+from apf.experiment import Experiment
+from integration.command_line import TINY, call, spawn
+
+
+@pytest.fixture(autouse=True)
+def clean(monkeypatch: pytest.MonkeyPatch, tmp_path_factory: pytest.TempPathFactory) -> None:
+    """No settings or logins of whoever runs the tests."""
+    for name in ("WANDB_MODE", "WANDB_API_KEY", "WANDB_PROJECT", "WANDB_DIR", "WANDB_DISABLED"):
+        monkeypatch.delenv(name, raising=False)
+    home = tmp_path_factory.mktemp("home")
+    for name in ("HOME", "WANDB_CONFIG_DIR", "WANDB_CACHE_DIR", "WANDB_DATA_DIR"):
+        monkeypatch.setenv(name, str(home))
+
+
+class FakeRun:
+    """Notes what a W&B run would be told."""
+
+    def __init__(self, settings: dict[str, Any]) -> None:
+        self.settings = settings
+        self.metrics: list[tuple[str, str | None]] = []
+        self.logged: list[dict[str, float]] = []
+        self.finished: list[int] = []
+
+    def define_metric(self, name: str, step_metric: str | None = None) -> None:
+        self.metrics.append((name, step_metric))
+
+    def log(self, figures: dict[str, float]) -> None:
+        assert not self.finished, "logged after the end"
+        self.logged.append(figures)
+
+    def finish(self, exit_code: int) -> None:
+        self.finished.append(exit_code)
+
+
+@pytest.fixture
+def fakes(monkeypatch: pytest.MonkeyPatch) -> list[FakeRun]:
+    """The runs that were opened, in place of real ones."""
+    opened: list[FakeRun] = []
+
+    def init(**settings: Any) -> FakeRun:
+        assert all(run.finished for run in opened), "one run is still open"
+        opened.append(FakeRun(settings))
+        return opened[-1]
+
+    monkeypatch.setattr(wandb, "init", init)
+    return opened
+
+
+@pytest.fixture
+def listener() -> Iterator[tuple[str, list[Any]]]:
+    """An address that refuses everybody, and who came."""
+    came: list[Any] = []
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def listen() -> None:
+            with suppress(OSError):
+                while True:
+                    connection, address = server.accept()
+                    came.append(address)
+                    connection.close()
+
+        threading.Thread(target=listen, daemon=True).start()
+        yield f"http://127.0.0.1:{server.getsockname()[1]}", came
+
+
+@pytest.mark.slow
+def test_offline_without_any_network(tmp_path: Path, listener: tuple[str, list[Any]]) -> None:
+    """All that W&B could reach is an address where nobody may come."""
+    url, came = listener
+    overrides = [*TINY, "tracker=wandb", "hydra.run.dir=run"]
+    environment = dict.fromkeys(["HTTP_PROXY", "HTTPS_PROXY", "http_proxy", "https_proxy", "WANDB_BASE_URL"], url)
+    result = spawn(["-m", "apf.main", *overrides], cwd=tmp_path, **environment, HOME=str(tmp_path)).must_work()
+    assert came == []
+    (mirror,) = (tmp_path / "run" / "wandb").glob("offline-run-*")
+    (record,) = mirror.glob("run-*.wandb")
+    assert record.stat().st_size > 0
+    assert not (tmp_path / "wandb").exists(), "its files lie in the run directory"
+    assert "wandb:" not in result.out + result.err
+    with suppress(OSError), urllib.request.urlopen(url):
+        pass
+    assert len(came) == 1, "the address does notice a visitor"
+
+
+@pytest.mark.usefixtures("no_figures")
+def test_jobs_of_a_sweep_are_runs_of_their_own(here: Path) -> None:
+    call("-m", *TINY, "tracker=wandb", "seed=0,1", "sweep=mine").must_work()
+    runs = [path for path in (here / "runs" / "mine").iterdir() if path.is_dir()]
+    assert len(runs) == 2
+    records = [record.name for run in runs for record in run.glob("wandb/offline-run-*/run-*.wandb")]
+    assert len(records) == 2
+    assert len(set(records)) == 2
+    assert wandb.run is None
+
+
+@pytest.mark.usefixtures("no_figures")
+def test_what_is_told(here: Path, fakes: list[FakeRun]) -> None:
+    call(*TINY, "tracker=wandb", "tracker.project=mine", "tracker.entity=us", "hydra.run.dir=run").must_work()
+    (run,) = fakes
+    assert (run.settings["mode"], run.settings["project"], run.settings["entity"]) == ("offline", "mine", "us")
+    assert run.settings["name"] == "run"
+    assert run.settings["group"] is None
+    assert Path(run.settings["dir"]).resolve() == here / "run"
+    assert run.settings["config"] == yaml.safe_load((here / "run" / "config.yaml").read_text())
+    assert run.metrics == [("towers", None), ("*", "towers")]
+    assert run.finished == [0]
+    told = {}
+    for figures in run.logged:
+        assert figures["towers"] == {0: 8, 1: 10, 2: 12}[figures["step"]]
+        told.setdefault(figures["step"], {}).update(figures)
+    assert set(told) == {0, 1, 2}
+    regret, accuracy = (pd.read_parquet(here / "run" / f"{name}.parquet") for name in ("regret", "accuracy"))
+    for step in (1, 2):
+        figures = told[step]
+        for task in ("tallest", "overhang", "unsupported"):
+            mine = regret[(regret["step"] == step) & (regret["task"] == task)]
+            assert figures[f"regret/{task}"] == pytest.approx(mine["regret"].median(), nan_ok=True)
+            assert figures[f"standing/{task}"] == mine["feasible"].mean()
+        assert figures["accuracy/2"] == accuracy[accuracy["step"] == step]["accuracy"].item()
+    for figures in told.values():
+        assert {"loss/train", "loss/validation", "data/feasible_share"} <= set(figures)
+    assert "score/mean" not in told[0]
+    assert not any(name.startswith("regret") for name in told[0])
+    towers = pd.read_parquet(here / "run" / "towers.parquet").query("step == 1").groupby("tower")
+    assert told[1]["score/mean"] == pytest.approx(towers["score"].first().mean())
+    share = (towers["label"].min().fillna(0) == 1).mean()
+    assert told[1]["data/feasible_share"] == share
+
+
+@pytest.mark.usefixtures("no_figures")
+def test_jobs_of_a_sweep_are_grouped(here: Path, fakes: list[FakeRun]) -> None:
+    call("-m", *TINY, "tracker=wandb", "seed=0,1", "sweep=mine").must_work()
+    assert [run.settings["group"] for run in fakes] == ["mine", "mine"]
+    assert [run.settings["config"]["seed"] for run in fakes] == [0, 1]
+    names = {path.name for path in (here / "runs" / "mine").iterdir() if path.is_dir()}
+    assert {run.settings["name"] for run in fakes} == names
+    assert len(names) == 2
+    assert [run.finished for run in fakes] == [[0], [0]]
+
+
+@pytest.mark.usefixtures("no_figures")
+def test_online_is_passed_on(here: Path, fakes: list[FakeRun]) -> None:
+    call(*TINY, "tracker=wandb", "tracker.mode=online", "hydra.run.dir=run").must_work()
+    assert [run.settings["mode"] for run in fakes] == ["online"]
+
+
+def test_finished_also_when_the_run_fails(here: Path, fakes: list[FakeRun], monkeypatch: pytest.MonkeyPatch) -> None:
+    def failing(self: Experiment, step: int) -> None:
+        raise RuntimeError("the power is out")
+
+    monkeypatch.setattr(Experiment, "learn", failing)
+    result = call(*TINY, "tracker=wandb", "hydra.run.dir=run")
+    assert result.code != 0
+    assert "the power is out" in result.err
+    assert [run.finished for run in fakes] == [[1]]
+    assert yaml.safe_load((here / "run" / "run.yaml").read_text())["finished"] is False
+
+
+def test_finished_also_when_interrupted(here: Path, fakes: list[FakeRun], monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(self: Experiment, step: int) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Experiment, "learn", interrupted)
+    result = call(*TINY, "tracker=wandb", "hydra.run.dir=run")
+    assert result.code != 0
+    assert "Traceback" not in result.err
+    assert [run.finished for run in fakes] == [[1]]
+
+
+@pytest.mark.usefixtures("no_figures")
+def test_a_finished_run_opens_no_other(here: Path, fakes: list[FakeRun]) -> None:
+    command = (*TINY, "tracker=wandb", "hydra.run.dir=run")
+    call(*command).must_work()
+    call(*command).must_work()
+    assert len(fakes) == 1
+
+
+def test_none_is_silent(here: Path, fakes: list[FakeRun]) -> None:
+    call(*TINY, "tracker=none", "hydra.run.dir=run").must_work()
+    assert fakes == []
+    assert not list(here.rglob("wandb"))
+
+
+def test_online_without_an_account_is_one_line(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """W&B refuses to start: say what to do, without a traceback."""
+
+    def refusing(**settings: Any) -> None:
+        raise wandb.errors.UsageError("No API key configured. Use `wandb login` to log in.")
+
+    monkeypatch.setattr(wandb, "init", refusing)
+    result = call(*TINY, "tracker=wandb", "tracker.mode=online", "hydra.run.dir=run")
+    assert result.code != 0
+    assert "Traceback" not in result.err
+    last = result.err.strip().splitlines()[-1]
+    assert last.startswith("error: ")
+    assert "wandb login" in last

@@ -1,0 +1,83 @@
+"""The wheel carries its configs and runs from any directory, with no checkout near."""
+
+import json
+import shutil
+import sys
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+
+import pandas as pd
+import pytest
+import yaml
+
+from integration.command_line import CONF, REPOSITORY, TINY, Result, call, spawn
+
+WHERE = "import json, apf, apf.config; print(json.dumps([apf.__file__, apf.config.config_dir()]))"
+
+
+@pytest.fixture(scope="module")
+def installed(once: Callable) -> Path:
+    """The folder that the wheel was built in (wheels/) and installed into (site/)."""
+
+    def make(folder: Path) -> Result:
+        source = folder / "source"
+        source.mkdir()
+        for name in ("apf", "conf"):
+            shutil.copytree(REPOSITORY / name, source / name, ignore=shutil.ignore_patterns("__pycache__"))
+        for name in ("pyproject.toml", "README.md"):
+            shutil.copy(REPOSITORY / name, source / name)
+        pip = ["-m", "pip", "--disable-pip-version-check", "--no-input"]
+        wheels = folder / "wheels"
+        spawn([*pip, "wheel", "--no-deps", "--no-build-isolation", "-w", wheels, source], cwd=folder).must_work()
+        shutil.rmtree(source)
+        (wheel,) = wheels.glob("*.whl")
+        return spawn([*pip, "install", "--no-deps", "--no-index", "--target", folder / "site", wheel], cwd=folder)
+
+    folder, result = once("wheel", make)
+    result.must_work()
+    return folder
+
+
+@pytest.mark.slow
+def test_the_wheel_holds_the_package_and_every_config(installed: Path) -> None:
+    (wheel,) = (installed / "wheels").glob("apf-*.whl")
+    with zipfile.ZipFile(wheel) as archive:
+        names = {name for name in archive.namelist() if not name.startswith("apf-")}
+    configs = {f"apf/conf/{path.relative_to(CONF)}" for path in CONF.rglob("*.yaml")}
+    code = {str(path.relative_to(REPOSITORY)) for path in (REPOSITORY / "apf").rglob("*.py")}
+    assert names == configs | code
+
+
+@pytest.mark.slow
+def test_the_installed_package_is_the_one_that_runs(installed: Path, tmp_path: Path) -> None:
+    result = spawn(["-c", WHERE], cwd=tmp_path, PYTHONPATH=str(installed / "site")).must_work()
+    package, configs = json.loads(result.out)
+    assert Path(package) == installed / "site" / "apf" / "__init__.py"
+    assert Path(configs) == installed / "site" / "apf" / "conf"
+
+
+@pytest.mark.slow
+def test_its_configs_are_those_of_the_checkout(installed: Path, tmp_path: Path) -> None:
+    command = ["-m", "apf.main", "--cfg", "job", "+experiment=smoke"]
+    there = spawn(command, cwd=tmp_path, PYTHONPATH=str(installed / "site")).must_work()
+    here = call(*command[2:]).must_work()
+    assert yaml.safe_load(there.out)["towers"] == 40
+    assert there.out == here.out
+
+
+@pytest.mark.slow
+def test_it_runs_from_any_directory(installed: Path, tmp_path: Path) -> None:
+    command = ["-m", "apf.main", *TINY, "hydra.run.dir=run"]
+    spawn(command, cwd=tmp_path, PYTHONPATH=str(installed / "site")).must_work()
+    assert len(pd.read_parquet(tmp_path / "run" / "towers.parquet"))
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["run"]
+
+
+@pytest.mark.slow
+def test_its_command_is_called_apf(installed: Path, tmp_path: Path) -> None:
+    script = installed / "site" / "bin" / "apf"
+    assert script.exists()
+    result = spawn([script, "--help"], cwd=tmp_path, PYTHONPATH=str(installed / "site")).must_work()
+    assert "python -m apf.main" in result.out
+    assert sys.prefix in script.read_text().splitlines()[0]
