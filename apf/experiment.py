@@ -120,10 +120,10 @@ class Experiment:
         history = self.model.fit(train, validation, stream(self.seed, "train", step))
         best = history.best_epoch
         losses = {
-            "loss/train": np.mean([history.train_loss[epoch][member] for member, epoch in enumerate(best)]),
-            "loss/validation": np.mean([history.validation_loss[epoch][member] for member, epoch in enumerate(best)]),
-            "loss/epochs": len(history.train_loss),
+            f"loss/{split}": float(np.mean([loss[epoch][member] for member, epoch in enumerate(best)]))
+            for split, loss in ((TRAIN, history.train_loss), (VALIDATION, history.validation_loss))
         }
+        losses["loss/epochs"] = len(history.train_loss)
         self.tracker.log(step, self.store.count(until=step), losses)
 
     def evaluate(self, step: int, predictor: Predictor) -> None:

@@ -81,9 +81,7 @@ class PrefixMessages(MessagePassing):
         place = self.position(position)
         source, target = self.source(own) + place, self.target(own) - place
         total = self.propagate(graph.edges, source=source, target=target, received=graph.received)
-        bias, weight = torch.bmm(torch.cat([self.last.bias, self.last.weight], 1), self.to_update.weight).split(
-            [1, total.shape[-1]], 1
-        )
+        weight, bias = self.last.then(self.to_update)
         return torch.bmm(total.flatten(1, 2), weight).view_as(total) + graph.n_received * bias.unsqueeze(1)
 
     def message(self, source_j: Tensor, target_i: Tensor) -> Tensor:

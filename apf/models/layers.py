@@ -24,6 +24,12 @@ class EnsembleLinear(nn.Module):
         for parameter in self.parameters():
             nn.init.uniform_(parameter.data[member], -self.bound, self.bound, generator=generator)
 
+    def then(self, linear: "EnsembleLinear") -> tuple[Tensor, Tensor]:
+        """Weight [E, in, out] and bias [E, 1, out] of this map followed by a linear one (whose bias is left out)."""
+        if self.bias is None:
+            return torch.bmm(self.weight, linear.weight), self.weight.new_zeros(1)
+        return torch.bmm(self.weight, linear.weight), torch.bmm(self.bias, linear.weight)
+
     def forward(self, x: Tensor) -> Tensor:
         """[E, ..., in] -> [E, ..., out]."""
         rows = x.flatten(1, -2)
@@ -34,8 +40,8 @@ class EnsembleLinear(nn.Module):
 class EnsembleNetwork(nn.Module):
     """Base of every network: E members side by side, whose stacked parameters all begin with axis E.
 
-    Sub-classes implement `forward`. A network sees a plan as features [K, F] of its placements, bottom first. It is made
-    with `members`, `n_features` = F, and `n_position`, how many of the last features are a position.
+    Sub-classes implement `forward`. A network sees a plan as features [K, F] of its placements, bottom first. It
+    is made with `members`, `n_features` = F, and `n_position`, how many of the last features are a position.
     """
 
     def forward(self, x: Tensor, whole: bool = False) -> Tensor:

@@ -107,11 +107,11 @@ def read_towers(path: str | Path) -> list[NamedTowers]:
         by_length.setdefault(len(rows), []).append((name, order, rows))
     batches = []
     for members in by_length.values():
-        names, order, rows = zip(*members, strict=True)
-        rows = np.array(rows)
+        names, orders = tuple(name for name, _, _ in members), tuple(order for _, order, _ in members)
+        rows = np.array([rows for _, _, rows in members])
         towers = Towers(blocks, index[rows], rotation[rows], table[["x", "y"]].to_numpy(float)[rows])
         _require_contact(towers, table["z"].to_numpy(float)[rows], names, rows, path)
-        batches.append(NamedTowers(towers, names, order))
+        batches.append(NamedTowers(towers, names, orders))
     return batches
 
 
