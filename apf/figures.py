@@ -1,6 +1,6 @@
 """Learning curves as figures of a paper: regret for each task, accuracy for each tower length."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -36,24 +36,20 @@ def accuracy_curves(accuracy: pd.DataFrame) -> pd.DataFrame:
 def plot_regret(curves: pd.DataFrame) -> "Figure":
     """One panel for each task: the median, shaded between the quartiles."""
     tasks = list(dict.fromkeys(curves["task"]))
-    figure, panels = _panels(curves, "task", tasks, ("median", "q25", "q75"))
-    for task, axes in zip(tasks, panels, strict=True):
-        axes.set_title(TITLES.get(task, task.replace("_", " ")))
-        axes.set_ylim(-0.03, 1.03)
-    panels[0].set_ylabel("Normalised regret")
+    titles = {task: TITLES.get(task, task.replace("_", " ")) for task in tasks}
+    figure, panels = _panels(curves, "task", titles, ("median", "q25", "q75"), "Normalised regret")
+    panels[0].set_ylim(-0.03, 1.03)
     return figure
 
 
 def plot_accuracy(curves: pd.DataFrame) -> "Figure":
     """One panel for each tower length: the mean, shaded from the least to the greatest run."""
     lengths = sorted(set(curves["length"]))
-    figure, panels = _panels(curves, "length", lengths, ("mean", "min", "max"))
-    low = min(0.45, curves["min"].min() - 0.03)
-    for length, axes in zip(lengths, panels, strict=True):
-        axes.set_title(f"{length} blocks")
-        axes.set_ylim(low, 1.01)
+    titles = {length: f"{length} blocks" for length in lengths}
+    figure, panels = _panels(curves, "length", titles, ("mean", "min", "max"), "Accuracy")
+    panels[0].set_ylim(min(0.45, curves["min"].min() - 0.03), 1.01)
+    for axes in panels:
         axes.axhline(0.5, color="0.75", linewidth=0.8, linestyle=":", zorder=0)
-    panels[0].set_ylabel("Accuracy")
     return figure
 
 
@@ -71,7 +67,7 @@ def save(figure: "Figure", table: pd.DataFrame, stem: Path) -> list[Path]:
 
 
 def _panels(
-    curves: pd.DataFrame, column: str, values: Sequence, lines: tuple[str, str, str]
+    curves: pd.DataFrame, column: str, titles: Mapping[Any, str], lines: tuple[str, str, str], quantity: str
 ) -> tuple["Figure", list["Axes"]]:
     """A row of panels over the number of labelled towers, one line with its band for each group."""
     import matplotlib as mpl
@@ -88,10 +84,10 @@ def _panels(
     with sns.axes_style("ticks", {"axes.grid": True, "grid.color": "0.92"}), mpl.rc_context(style):
         width, height = PANEL
         legend_rows = -(-len(groups) // 4) if len(groups) > 1 else 0
-        size = (width * len(values) + 0.3, height + 0.2 * legend_rows)
-        figure, grid = plt.subplots(1, len(values), figsize=size, sharey=True, squeeze=False, layout="constrained")
+        size = (width * len(titles) + 0.3, height + 0.2 * legend_rows)
+        figure, grid = plt.subplots(1, len(titles), figsize=size, sharey=True, squeeze=False, layout="constrained")
         panels = list(grid[0])
-        for value, axes in zip(values, panels, strict=True):
+        for (value, title), axes in zip(titles.items(), panels, strict=True):
             for group in groups:
                 line = curves[(curves[column] == value) & (curves["group"] == group)].sort_values("towers")
                 marker = "o" if len(line) < 15 else None
@@ -99,7 +95,9 @@ def _panels(
                     line["towers"], line[centre], color=colours[group], label=group, marker=marker, markersize=2.5
                 )
                 axes.fill_between(line["towers"], line[low], line[high], color=colours[group], alpha=0.18, linewidth=0)
+            axes.set_title(title)
             axes.set_xlabel("Labelled towers")
+        panels[0].set_ylabel(quantity)
         sns.despine(figure)
         if len(groups) > 1:
             handles, labels = panels[0].get_legend_handles_labels()

@@ -1,5 +1,6 @@
 """Tables on disk, CSV or parquet by their ending, written whole or not at all."""
 
+import contextlib
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -15,15 +16,27 @@ def check_ending(path: Path) -> None:
         raise InputError(f"{path}: the ending must be .csv or .parquet")
 
 
-def read_table(path: Path, columns: Sequence[str], units: Mapping[str, str]) -> pd.DataFrame:
-    """The named columns of a CSV or parquet file. Headers may carry their unit, as in `dim_x [m]`.
+def read_table(path: Path, columns: Sequence[str], units: Mapping[str, str], text: Sequence[str] = ()) -> pd.DataFrame:
+    """The named columns of a CSV or parquet file, and `row`: where each stood, as an editor counts (the header is 1).
 
-    Raises InputError if the file cannot be read, a column is missing, or a header names another unit.
+    Headers may carry their unit, as in `dim_x [m]`. Columns of `text` are read as they are written.
+
+    Raises InputError if the file cannot be read, a column is missing or stands twice, or a header names another unit.
     """
     check_ending(path)
     try:
         if path.suffix == ".csv":
-            table = pd.read_csv(path, float_precision="round_trip", skipinitialspace=True)
+            headers = pd.read_csv(path, nrows=0).columns
+            names = {h: str for h in headers if _without_unit(str(h), units, path) in text}
+            table = pd.read_csv(
+                path,
+                dtype=names,
+                keep_default_na=False,
+                na_values={header: [""] for header in headers},
+                skipinitialspace=True,
+                skip_blank_lines=False,
+                index_col=False,
+            ).dropna(how="all")
         else:
             table = pd.read_parquet(path)
     except FileNotFoundError:
@@ -31,10 +44,14 @@ def read_table(path: Path, columns: Sequence[str], units: Mapping[str, str]) -> 
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: cannot be read as a table: {str(error).splitlines()[0]}") from None
     table = table.rename(columns={header: _without_unit(str(header), units, path) for header in table.columns})
+    twice = table.columns[table.columns.duplicated()]
+    if len(twice):
+        raise InputError(f"{path}: column {twice[0]} stands twice")
     missing = [column for column in columns if column not in table.columns]
     if missing:
         raise InputError(f"{path}: column {', '.join(missing)} is missing; it needs {', '.join(columns)}")
-    return table[list(columns)].reset_index(drop=True)
+    table = table[list(columns)]
+    return table.assign(row=table.index + 2).reset_index(drop=True)
 
 
 def write_table(table: pd.DataFrame, path: Path, units: Mapping[str, str] | None = None) -> None:
@@ -54,7 +71,8 @@ def write_table(table: pd.DataFrame, path: Path, units: Mapping[str, str] | None
             table.to_parquet(half, index=False)
         half.replace(path)
     except OSError as error:
-        half.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):
+            half.unlink()
         raise InputError(f"{path}: cannot be written: {error.strerror}") from None
 
 

@@ -1,6 +1,6 @@
 import math
 from collections import Counter
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +27,7 @@ def rng_of(seed):
     return np.random.default_rng(seed)
 
 
+@cache
 def sampler_of(name, candidates=CANDIDATES):
     cfg = OmegaConf.load(Path(config_dir()) / "sampler" / f"{name}.yaml")
     cfg.candidates.n = candidates

@@ -371,7 +371,7 @@ class TestBadFiles:
         refused(read, path, "cannot be read as a table")
 
     def test_header_without_rows(self, tmp_path, ending):
-        refused(read_blocks, save(good_blocks().iloc[:0], tmp_path / f"f.{ending}"), "at least one block")
+        refused(read_blocks, save(good_blocks().iloc[:0], tmp_path / f"f.{ending}"), "at least one row")
         refused(read_towers, save(good_towers().iloc[:0], tmp_path / f"g.{ending}"), "at least one row")
 
     @pytest.mark.parametrize("read", [read_blocks, read_towers])

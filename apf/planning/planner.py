@@ -98,6 +98,8 @@ class MonteCarloPlanner:
                 open_rows = open_rows[np.argpartition(-limit[open_rows], self.chunk)[: self.chunk]]
             pool.tighten(open_rows)
         near = np.flatnonzero(known & (limit >= best * (1 - TIE))) if best > 0 else np.array([0])
-        expected = np.array([pool.alone(row) * values[row] for row in near]) if len(near) > 1 else limit[near]
+        expected = limit[near]
+        if len(near) > 1 and not pool.predictor.random:
+            expected = np.array([pool.alone(row) * values[row] for row in near])
         winner = int(expected.argmax())
         return Choice(int(near[winner]), float(values[near[winner]]), float(expected[winner]))

@@ -16,7 +16,7 @@ def random_standing(blocks: BlockSet, length: int, n: int, rng: np.random.Genera
     Towers grow block by block and those that fell are dropped at once, so that even seven blocks (a few in
     10,000 stand) take seconds; each survivor grew alone, so no two share a prefix.
     """
-    found: list[Towers] = []
+    found = [random_towers(blocks, length, 0, rng)]
     while sum(map(len, found)) < n:
         towers = random_towers(blocks, 1, CHUNK, rng)
         for _ in range(length - 1):
@@ -28,7 +28,7 @@ def random_standing(blocks: BlockSet, length: int, n: int, rng: np.random.Genera
 
 def random_fallen(blocks: BlockSet, length: int, n: int, rng: np.random.Generator, offset: Offset) -> Towers:
     """n independent random towers that do not stand, distributed as `random_towers` given that they do not."""
-    found: list[Towers] = []
+    found = [random_towers(blocks, length, 0, rng)]
     while sum(map(len, found)) < n:
         towers = random_towers(blocks, length, 2 * n, rng, offset)
         found.append(towers[~stands(towers)])

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from pydantic import Field, NonNegativeInt, PositiveFloat, PositiveInt
+from pydantic import AfterValidator, Field, NonNegativeInt, PositiveFloat, PositiveInt
 
 from apf.errors import InputError
 from apf.rng import stream
@@ -64,6 +64,15 @@ class BlockSet:
         return np.einsum("rij,bj->bri", ROTATIONS, self.com)
 
 
+def _from_low_to_high(bounds: tuple[float, float]) -> tuple[float, float]:
+    if bounds[0] > bounds[1]:
+        raise ValueError(f"is {bounds[0]:g} to {bounds[1]:g}; the lower bound comes first")
+    return bounds
+
+
+Range = Annotated[tuple[PositiveFloat, PositiveFloat], AfterValidator(_from_low_to_high)]
+
+
 @settings
 class BlockSource:
     """Where a block set comes from: a file, or the published distribution, fixed by a seed of its own."""
@@ -73,9 +82,9 @@ class BlockSource:
     seed: NonNegativeInt = 0
     prefix: str = "block"
     """Blocks are named prefix_00, prefix_01, ..."""
-    side: tuple[PositiveFloat, PositiveFloat] = (0.05, 0.15)
+    side: Range = (0.05, 0.15)
     """Range of each side [m]."""
-    mass: tuple[PositiveFloat, PositiveFloat] = (0.1, 1.0)
+    mass: Range = (0.1, 1.0)
     """Range of the mass [kg]."""
     com_share: Annotated[float, Field(ge=0, lt=1)] = 0.9
     """The centre of mass lies in this middle share of the block, on each axis."""

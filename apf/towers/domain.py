@@ -96,7 +96,9 @@ class TowerDomain:
     def decode(self, lines: Sequence[str]) -> Towers:
         """The plans, all of one length, that `encode` wrote."""
         plans = [json.loads(line) for line in lines]
-        block, rotation = (np.array([p[key] for p in plans], np.int8) for key in ("block", "rotation"))
+        block, rotation = (
+            np.array([p[key] for p in plans], dtype) for key, dtype in (("block", np.int16), ("rotation", np.int8))
+        )
         return Towers(self.training_blocks, block, rotation, np.array([p["xy"] for p in plans], float))
 
     def table(self, plans: Towers) -> pd.DataFrame:

@@ -41,12 +41,9 @@ class NamedTowers:
 def read_blocks(path: str | Path) -> BlockSet:
     """The blocks of a block file. Raises InputError, naming file and row, for anything that is not a block."""
     path = Path(path)
-    table = read_table(path, BLOCK_COLUMNS, UNITS)
+    table = read_table(path, BLOCK_COLUMNS, UNITS, text=["block"])
     _require_numbers(table, [c for c in BLOCK_COLUMNS if c != "block"], path)
-    try:
-        return _block_set(table)
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from None
+    return _block_set(table, path)
 
 
 def write_blocks(blocks: BlockSet, path: str | Path, units: bool = False) -> None:
@@ -80,26 +77,30 @@ def read_towers(path: str | Path) -> list[NamedTowers]:
     placement that overlaps what is below it, floats above it, or has nothing below it.
     """
     path = Path(path)
-    table = read_table(path, TOWER_COLUMNS, UNITS)
+    table = read_table(path, TOWER_COLUMNS, UNITS, text=["block", "tower"])
     _require_numbers(table, [c for c in TOWER_COLUMNS if c not in ("tower", "block")], path)
     if table.empty:
         raise InputError(f"{path}: no towers; it needs at least one row below the header")
     blank = table.index[table["tower"].isna()]
     if len(blank):
-        raise InputError(f"{path}, row {_row(blank[0])}: tower is empty; every placement needs its tower's name")
+        raise InputError(
+            f"{path}, row {table['row'][blank[0]]}: tower is empty; every placement needs its tower's name"
+        )
+    table["tower"] = _whole_numbers(table["tower"])
 
     distinct = table.drop_duplicates(BLOCK_COLUMNS)
     clash = distinct.index[distinct["block"].duplicated()]
     if len(clash):
         name = table.loc[clash[0], "block"]
-        raise InputError(f"{path}, row {_row(clash[0])}: block {name} differs from an earlier row of the same name")
-    try:
-        blocks = _block_set(distinct)
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from None
+        raise InputError(
+            f"{path}, row {table['row'][clash[0]]}: block {name} differs from an earlier row of the same name"
+        )
+    blocks = _block_set(distinct, path)
 
     index = table["block"].map({name: i for i, name in enumerate(blocks.name)}).to_numpy(int)
-    rotation = np.array([_rotation(q, path, i) for i, q in enumerate(table[["qx", "qy", "qz", "qw"]].to_numpy(float))])
+    rotation = np.array(
+        [_rotation(q, path, row) for row, q in zip(table["row"], table[["qx", "qy", "qz", "qw"]].to_numpy(float))]
+    )
     by_length: dict[int, list[tuple[Any, int, np.ndarray]]] = {}
     for order, (name, group) in enumerate(table.groupby("tower", sort=False)):
         rows = group.sort_values("position", kind="stable").index.to_numpy()
@@ -110,9 +111,16 @@ def read_towers(path: str | Path) -> list[NamedTowers]:
         names, orders = tuple(name for name, _, _ in members), tuple(order for _, order, _ in members)
         rows = np.array([rows for _, _, rows in members])
         towers = Towers(blocks, index[rows], rotation[rows], table[["x", "y"]].to_numpy(float)[rows])
-        _require_contact(towers, table["z"].to_numpy(float)[rows], names, rows, path)
+        _require_contact(towers, table["z"].to_numpy(float)[rows], names, table["row"].to_numpy()[rows], path)
         batches.append(NamedTowers(towers, names, orders))
     return batches
+
+
+def _whole_numbers(names: pd.Series) -> pd.Series:
+    """Names that are all written as whole numbers, as such; others (`007`, `a`) as they are."""
+    numbers = pd.to_numeric(names, errors="coerce")
+    whole = numbers.notna().all() and (numbers % 1 == 0).all() and (numbers.astype(int).astype(str) == names).all()
+    return numbers.astype(int) if whole else names
 
 
 def _block_table(blocks: BlockSet) -> pd.DataFrame:
@@ -122,15 +130,22 @@ def _block_table(blocks: BlockSet) -> pd.DataFrame:
     return table
 
 
-def _block_set(table: pd.DataFrame) -> BlockSet:
+def _block_set(table: pd.DataFrame, path: Path) -> BlockSet:
+    """Raises InputError, naming file and row."""
     numbers = table[BLOCK_COLUMNS[1:]].to_numpy(float)
-    names = tuple(str(name) for name in table["block"])
-    return BlockSet(names, numbers[:, :3], numbers[:, 3:6], numbers[:, 6])
-
-
-def _row(index: int) -> int:
-    """The row as an editor counts it: the header is row 1."""
-    return int(index) + 2
+    names = tuple(table["block"])
+    dims, com, mass = numbers[:, :3], numbers[:, 3:6], numbers[:, 6]
+    for i, row in enumerate(table["row"]):
+        try:
+            one = slice(i, i + 1)
+            BlockSet(names[one], dims[one], com[one], mass[one])
+            if names[i] in names[:i]:
+                raise InputError(f"block {names[i]}: the name stands twice; names must be unique")
+        except InputError as error:
+            raise InputError(f"{path}, row {row}: {error}") from None
+    if not names:
+        raise InputError(f"{path}: no blocks; it needs at least one row below the header")
+    return BlockSet(names, dims, com, mass)
 
 
 def _require_numbers(table: pd.DataFrame, columns: list[str], path: Path) -> None:
@@ -139,18 +154,20 @@ def _require_numbers(table: pd.DataFrame, columns: list[str], path: Path) -> Non
         bad = np.flatnonzero(~np.isfinite(numbers))
         if len(bad):
             value = table[column].iloc[bad[0]]
-            raise InputError(f"{path}, row {_row(bad[0])}: {column} = {value}; it must be a finite number")
+            raise InputError(f"{path}, row {table['row'].iloc[bad[0]]}: {column} = {value}; it must be a finite number")
         table[column] = numbers
     if table["block"].isna().any():
-        raise InputError(f"{path}, row {_row(int(np.argmax(table['block'].isna())))}: block is empty; it needs a name")
+        raise InputError(
+            f"{path}, row {table['row'].iloc[int(np.argmax(table['block'].isna()))]}: block is empty; it needs a name"
+        )
     table["block"] = table["block"].astype(str)
 
 
-def _rotation(quaternion: np.ndarray, path: Path, index: int) -> int:
+def _rotation(quaternion: np.ndarray, path: Path, row: int) -> int:
     try:
         return int(rotation_index(quaternion))
     except InputError as error:
-        raise InputError(f"{path}, row {_row(index)}: {error}") from None
+        raise InputError(f"{path}, row {row}: {error}") from None
 
 
 def _require_order(table: pd.DataFrame, rows: np.ndarray, name: object, path: Path) -> None:
@@ -161,24 +178,24 @@ def _require_order(table: pd.DataFrame, rows: np.ndarray, name: object, path: Pa
     twice = table["block"].iloc[rows].duplicated().to_numpy()
     if twice.any():
         row = rows[np.argmax(twice)]
-        raise InputError(f"{path}, row {_row(row)}: tower {name} uses block {table['block'].iloc[row]} twice")
+        raise InputError(f"{path}, row {table['row'][row]}: tower {name} uses block {table['block'].iloc[row]} twice")
 
 
 def _require_contact(towers: Towers, z: np.ndarray, names: Sequence[Any], rows: np.ndarray, path: Path) -> None:
     """Each block stands on the table or on the one below: no gap, no overlap, and some area in common."""
 
-    def refuse(bad: np.ndarray, why: str) -> None:
-        if bad.any():
-            tower, position = np.argwhere(bad)[0]
-            where = f"{path}, row {_row(rows[tower, position])}: tower {names[tower]}, position {position}"
-            raise InputError(f"{where}: {why.format(z=z[tower, position], right=right[tower, position])}")
-
     height = towers.dims[..., 2]
     top = z + height / 2
     right = np.concatenate([np.zeros((len(z), 1)), top[:, :-1]], axis=1) + height / 2
-    refuse(z > right + GAP, "floats: z = {z:g}; it rests on what is below at z = {right:g} [m]")
-    refuse(z < right - GAP, "overlaps what is below: z = {z:g}; it rests there at z = {right:g} [m]")
     sides = towers.dims[..., :2]
     apart = np.abs(np.diff(towers.xy, axis=1)) >= (sides[:, 1:] + sides[:, :-1]) / 2
     beside = np.concatenate([np.zeros((len(z), 1), bool), apart.any(-1)], axis=1)
-    refuse(beside, "floats: nothing of the block below is under it")
+    bad = np.argwhere((np.abs(z - right) > GAP) | beside)
+    if len(bad):
+        tower, position = bad[0]
+        here, rests = z[tower, position], right[tower, position]
+        where = f"{path}, row {rows[tower, position]}: tower {names[tower]}, position {position}"
+        if abs(here - rests) > GAP:
+            what = "floats" if here > rests else "overlaps what is below"
+            raise InputError(f"{where}: {what}: z = {here:g}; it rests on what is below at z = {rests:g} [m]")
+        raise InputError(f"{where}: floats: nothing of the block below is under it")

@@ -126,7 +126,7 @@ def random_extensions(towers: Towers, rng: np.random.Generator, offset: Offset =
     free = np.ones((n, b), bool)
     np.put_along_axis(free, towers.block, False, axis=1)
     rank = rng.integers(b - k, size=(n, 1))
-    block = np.concatenate([towers.block, ((free.cumsum(1) <= rank).sum(1, keepdims=True)).astype(np.int8)], axis=1)
+    block = np.concatenate([towers.block, ((free.cumsum(1) <= rank).sum(1, keepdims=True)).astype(np.int16)], axis=1)
     rotation = np.concatenate([towers.rotation, rng.integers(24, size=(n, 1), dtype=np.int8)], axis=1)
     sides = towers.blocks.rotated_dims[block[:, -2:], rotation[:, -2:], :2]
     step = offset.draw(sides[:, :-1] + sides[:, 1:], rng)
@@ -134,8 +134,8 @@ def random_extensions(towers: Towers, rng: np.random.Generator, offset: Offset =
 
 
 def _random_orders(b: int, k: int, n: int, rng: np.random.Generator) -> np.ndarray:
-    """[n, k] int8: the first k of a random order of b blocks (Fisher-Yates, all rows at once)."""
-    order = np.tile(np.arange(b, dtype=np.int8), (n, 1))
+    """[n, k] int16: the first k of a random order of b blocks (Fisher-Yates, all rows at once)."""
+    order = np.tile(np.arange(b, dtype=np.int16), (n, 1))
     rows = np.arange(n)
     for i in range(k):
         j = rng.integers(i, b, size=n)

@@ -1,0 +1,175 @@
+"""The benchmarks: the plain reference computes what we do, and nothing has become grossly slower."""
+
+import random
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import torch
+from torch import nn
+
+from apf.acquisition import ExpectedBald
+from apf.models import EnsembleNetwork
+from apf.models.layers import EnsembleLinear
+from apf.rng import stream
+from apf.towers import Towers, balanced_towers, features
+from apf.worlds import AnalyticWorld
+from benchmarks import reference as plain
+from benchmarks import reference_learning as plain_learning
+from benchmarks.__main__ import COLUMNS
+from benchmarks.learning import check_training, plain_members, plain_samples
+from benchmarks.limits import products_with_weights, replay
+from benchmarks.operations import ONLY_FULL, OPERATIONS, check_towers, same_tower
+from benchmarks.setting import QUICK, Setting
+from benchmarks.timing import Case, Target, Timed, measure
+
+ROOT = Path(__file__).parents[1]
+LOOSELY = 4
+"""A ratio may fall short of its target by this factor: other machines, smaller sizes, other work at the same time."""
+LOOSELY_FOR_A_PLAN = 20
+"""Pruning gains less among a fifth of the candidates, and with a model trained for a few seconds."""
+
+
+@pytest.fixture(scope="module")
+def setting() -> Setting:
+    """The default config in sizes of a few seconds."""
+    return Setting(replace(QUICK, labelled=40, max_epochs=3, candidates=100, plan_candidates=300))
+
+
+@pytest.fixture(scope="module")
+def towers(setting: Setting) -> Towers:
+    """Twenty 5-block towers, half of which stand."""
+    return balanced_towers(setting.default.domain.training_blocks, 5, 20, stream(0, "towers"))[0]
+
+
+def test_plain_towers_are_drawn_from_the_same_distribution(setting: Setting) -> None:
+    check_towers(setting, 20)
+
+
+def test_plain_labels_equal_ours(towers: Towers) -> None:
+    labels = AnalyticWorld().execute(towers, stream(0, "unused"))
+    assert set(labels.ravel().tolist()) == {-1, 0, 1}
+    np.testing.assert_array_equal([plain.prefix_labels(tower) for tower in plain.tower_list(towers)], labels)
+
+
+def test_plain_rotations_and_features_equal_ours(towers: Towers) -> None:
+    for i, tower in enumerate(plain.tower_list(towers)):
+        for quarters, view in enumerate(plain.four_views(tower)):
+            same_tower(towers.turned(quarters), i, view)
+            np.testing.assert_allclose(plain.features(view), features(towers.turned(quarters))[i], atol=1e-5)
+
+
+def test_plain_values_equal_ours(setting: Setting, towers: Towers) -> None:
+    for name, task in setting.default.task.items():
+        values = [plain.VALUES[name](tower) for tower in plain.tower_list(towers)]
+        np.testing.assert_allclose(values, task.value(towers))
+
+
+@pytest.mark.parametrize("model", ["tgn", "fcgn", "lstm"])
+def test_plain_networks_have_the_same_logits_loss_and_gradients(setting: Setting, model: str) -> None:
+    ensemble = setting.ensemble(f"model={model}", "model.members=3")
+    check_training(ensemble, setting.examples(), plain_samples(setting.labelled))
+
+
+def test_a_wrong_reference_is_noticed(setting: Setting) -> None:
+    samples = plain_samples(setting.labelled)
+    samples.popitem()
+    with pytest.raises(AssertionError):
+        check_training(setting.ensemble("model.members=2"), setting.examples(), samples)
+
+
+def test_plain_scores_and_plans_equal_ours(setting: Setting, towers: Towers) -> None:
+    ensemble, objects, rng = setting.trained, plain.tower_list(towers), stream(0, "unused")
+    members, planner = plain_members(ensemble), setting.default.planner
+    scores = plain_learning.expected_bald(members, objects)
+    np.testing.assert_allclose(scores, ExpectedBald()(ensemble, towers, rng), rtol=1e-4, atol=1e-5)
+    for name, task in setting.default.task.items():
+        choice = planner.plan(task, planner.pool(towers, ensemble, rng))
+        index, value, expected = plain_learning.plan(members, objects, plain.VALUES[name])
+        assert choice.index == index
+        np.testing.assert_allclose([choice.value, choice.expected], [value, expected], rtol=1e-4)
+
+
+def test_plain_training_learns(setting: Setting) -> None:
+    samples = plain_samples(setting.labelled)
+    (member,) = plain_members(setting.ensemble("model.members=1"))
+    before = plain_learning.mean_loss(member, samples)
+    plain_learning.train(member, samples, samples, 2, random.Random(0))
+    assert plain_learning.mean_loss(member, samples) < before
+
+
+class TwoLayers(EnsembleNetwork):
+    """Products of known shapes, and one that no weight takes part in."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.first, self.second = EnsembleLinear(2, 3, 4), EnsembleLinear(2, 4, 5)
+
+    def forward(self, x: torch.Tensor, whole: bool = False) -> torch.Tensor:
+        """[2, 6, 3] -> [2, 6, 5]."""
+        sums = torch.bmm(torch.ones(2, 6, 6), x)
+        return self.second(self.first(sums))
+
+
+def test_the_limit_is_made_of_the_products_with_weights() -> None:
+    network: nn.Module = TwoLayers()
+    for parameter in network.parameters():
+        nn.init.ones_(parameter)
+    x = torch.ones(2, 6, 3)
+    forwards = [(2, 6, 3, 4), (2, 6, 4, 5)]
+    backwards = [(2, 4, 6, 5), (2, 6, 5, 4), (2, 3, 6, 4)]
+    with torch.inference_mode():
+        assert products_with_weights(network, lambda: network(x)) == forwards
+    recorded = products_with_weights(network, lambda: network(x).sum().backward())
+    assert sorted(recorded) == sorted(forwards + backwards)
+    replay(recorded)()
+
+
+def test_ratios_and_targets() -> None:
+    ticks = iter(range(1000))
+
+    def sleepless(times: int) -> Timed:
+        return Timed(lambda: [next(ticks) for _ in range(times)], scale=0.0)
+
+    case = Case("nothing", "units", 10, Timed(lambda fresh: fresh, setup=lambda: 1), Target(seconds=60), repetitions=3)
+    row = measure(case)
+    assert (row.reference_ratio, row.limit_share, row.holds) == (None, None, True)
+    assert not measure(replace(case, target=Target(rate=1e15))).holds
+    assert not measure(replace(case, target=Target(ratio=1))).holds  # no reference: cannot be shown to hold
+    row = measure(replace(case, reference=[sleepless(1), sleepless(2)], target=Target(ratio=0.5)))
+    assert row.reference_ratio == 0
+    assert not row.holds
+    assert next(ticks) == 9
+    assert str(Target(ratio=10, limit_share=0.5)) == ">= 10 x reference, >= 0.5 of the limit"
+
+
+@pytest.mark.slow
+def test_the_command_and_no_gross_regression(tmp_path: Path) -> None:
+    path = tmp_path / "results" / "benchmarks.csv"
+    command = [sys.executable, "-m", "benchmarks", "--quick", "--csv", str(path)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    table = pd.read_csv(path)
+    assert table.columns.tolist() == COLUMNS
+    assert len(table) == len(OPERATIONS) - len(ONLY_FULL)
+    for row in table.to_dict("records"):
+        target = float(row["target"].removeprefix(">= ").split(" x reference")[0])
+        loosely = LOOSELY_FOR_A_PLAN if row["operation"].startswith("one plan") else LOOSELY
+        assert row["reference_ratio"] >= target / loosely, row
+        assert 0 < row["limit_share"] < 1.5, row
+
+
+@pytest.mark.slow
+def test_growth_draws_what_it_measured(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "benchmarks.growth", "--quick", "--out", str(tmp_path / "out")]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    table = pd.read_csv(tmp_path / "out" / "growth.csv")
+    assert set(table["varied"]) == {"towers", "length", "members", "candidates"}
+    assert (table["seconds"] > 0).all()
+    assert (table["peak_mib"] >= table["start_mib"]).all()
+    assert all((tmp_path / "out" / f"growth.{ending}").stat().st_size > 1000 for ending in ("pdf", "png"))
