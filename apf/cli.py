@@ -48,6 +48,7 @@ def run_command(command: Callable[[], object]) -> None:
 
 def one_line(error: BaseException) -> str:
     """The message of an exception, folded into one line."""
-    lines = [line.strip() for line in str(error).splitlines()]
+    message = str(error).partition("\nConfig search path:")[0]
+    lines = [line.strip() for line in message.splitlines()]
     kept = [line for line in lines if line and not line.startswith(("full_key:", "object_type="))]
     return " ".join(kept)

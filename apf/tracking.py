@@ -128,10 +128,13 @@ class ConsoleTracker(Tracker):
             self._progress.update(self._task, completed=step, total=max(steps, 1), description=what)
 
     def log(self, step: int, towers: int, metrics: Mapping[str, float]) -> None:
-        """One line for each step and kind of figure."""
-        figures = "  ".join(f"{name.split('/', 1)[1]} {value:.3g}" for name, value in metrics.items())
-        topics = "/".join(dict.fromkeys(name.split("/")[0] for name in metrics))
-        self._say(f"step {step}, {towers} towers, {topics}: {figures}")
+        """One line for each topic: the part of a figure's name before the slash."""
+        topics: dict[str, list[str]] = {}
+        for name, value in metrics.items():
+            topic, _, figure = name.partition("/")
+            topics.setdefault(topic, []).append(f"{figure} {value:.3g}")
+        for topic, figures in topics.items():
+            self._say(f"step {step}, {towers} towers, {topic}: {', '.join(figures)}")
 
     def finish(self, failed: bool) -> None:
         """Take the bar away."""

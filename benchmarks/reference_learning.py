@@ -98,6 +98,7 @@ def plain_names(stacked: Mapping[str, Tensor]) -> dict[str, Tensor]:
 
     stacked: by name in the stacked network, without the axis of members: matrices [in, out], biases [1, out].
     """
+    stacked = {name.removeprefix("messages."): tensor for name, tensor in stacked.items()}
 
     def layer(name: str, *parts: str, bias: str) -> dict[str, Tensor]:
         matrix = torch.cat([stacked[f"{part}.weight"] for part in parts])
@@ -112,13 +113,12 @@ def plain_names(stacked: Mapping[str, Tensor]) -> dict[str, Tensor]:
             plain[f"lstm.bias_ih_l{number}"] = _torch_gates(stacked[f"inputs.{number}.bias"][0])
             number += 1
         return plain
-    source, target, position = "messages.source", "messages.target", "messages.position"
     return (
         plain
-        | layer("message.0", source, target, position, bias=target)
-        | layer("message.2", "messages.middle", bias="messages.middle")
-        | layer("message.4", "messages.last", bias="messages.last")
-        | layer("update.0", "update", "messages.to_update", bias="update")
+        | layer("message.0", "source", "target", "position", bias="target")
+        | layer("message.2", "middle", bias="middle")
+        | layer("message.4", "last", bias="last")
+        | layer("update.0", "update", "to_update", bias="update")
     )
 
 
