@@ -20,7 +20,7 @@ from apf.models import Ensemble, pick_device
 from apf.planning import Evaluator
 from apf.report import print_summary, save_figures
 from apf.store import Store, read_yaml, write_yaml
-from apf.tracking import ConsoleTracker, RunInfo, Trackers
+from apf.tracking import ConsoleTracker, RunInfo, Tracker, Trackers
 
 
 @hydra.main(version_base="1.3", config_path=config_dir(), config_name="config")
@@ -48,20 +48,7 @@ def job(cfg: DictConfig) -> None:
     tracker.start(RunInfo(directory.name, directory, plain(cfg), config.sweep if in_sweep else None))
     failed = True
     try:
-        evaluator = Evaluator(config.evaluation, config.domain, config.planner, config.task)
-        experiment = Experiment(
-            seed=config.seed,
-            towers=config.towers,
-            every=config.evaluation.every,
-            initial=config.initial,
-            acquisition=config.acquisition,
-            sampler=config.sampler,
-            world=config.world,
-            model=model,
-            evaluator=evaluator,
-            store=store,
-            tracker=tracker,
-        )
+        experiment = make_experiment(config, model, store, tracker)
         if isinstance(config.predictor, Learned):
             experiment.run()
         elif not store.evaluated(0):
@@ -87,6 +74,23 @@ def make_model(cfg: DictConfig, config: Config) -> Ensemble:
         raise InputError(describe(error, "model.network", cfg)) from None
     except (RuntimeError, AssertionError) as error:
         raise InputError(f"device is {config.device!r}; {str(error).splitlines()[0]}") from None
+
+
+def make_experiment(config: Config, model: Ensemble, store: Store, tracker: Tracker) -> Experiment:
+    """The loop, with all its parts."""
+    return Experiment(
+        seed=config.seed,
+        towers=config.towers,
+        every=config.evaluation.every,
+        initial=config.initial,
+        acquisition=config.acquisition,
+        sampler=config.sampler,
+        world=config.world,
+        model=model,
+        evaluator=Evaluator(config.evaluation, config.domain, config.planner, config.task, tracker.detail),
+        store=store,
+        tracker=tracker,
+    )
 
 
 def claim(directory: Path, config: dict) -> bool:

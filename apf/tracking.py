@@ -36,6 +36,9 @@ class Tracker(ABC):
     def phase(self, step: int, steps: int, what: str) -> None:  # noqa: B027
         """Now doing `what`, in step `step` of `steps`."""
 
+    def detail(self, what: str) -> None:  # noqa: B027
+        """Within the phase, now doing `what`."""
+
     @abstractmethod
     def log(self, step: int, towers: int, metrics: Mapping[str, float]) -> None:
         """Figures of a step, by name, and how many towers were labelled by then."""
@@ -127,6 +130,11 @@ class ConsoleTracker(Tracker):
         if self._progress:
             self._progress.update(self._task, completed=step, total=max(steps, 1), description=what)
 
+    def detail(self, what: str) -> None:
+        """Say it beside the bar."""
+        if self._progress:
+            self._progress.update(self._task, description=what)
+
     def log(self, step: int, towers: int, metrics: Mapping[str, float]) -> None:
         """One line for each topic: the part of a figure's name before the slash."""
         topics: dict[str, list[str]] = {}
@@ -167,6 +175,11 @@ class Trackers(Tracker):
         """Tell each."""
         for tracker in self.trackers:
             tracker.phase(step, steps, what)
+
+    def detail(self, what: str) -> None:
+        """Tell each."""
+        for tracker in self.trackers:
+            tracker.detail(what)
 
     def log(self, step: int, towers: int, metrics: Mapping[str, float]) -> None:
         """Tell each."""

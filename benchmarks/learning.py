@@ -16,10 +16,9 @@ from torch.nn.functional import binary_cross_entropy_with_logits
 from apf.acquisition import Scored
 from apf.data import Examples, Labelled, examples
 from apf.experiment import TRAIN, VALIDATION, Experiment
-from apf.main import make_model
+from apf.main import make_experiment, make_model
 from apf.models import Ensemble, Training
 from apf.models.training import fit
-from apf.planning import Evaluator
 from apf.rng import stream
 from apf.store import Store
 from apf.tracking import RunInfo, Tracker
@@ -110,19 +109,7 @@ def acquisition(setting: Setting) -> Case:
     def prepared() -> Experiment:
         store = Store(Path(tempfile.mkdtemp(prefix="benchmark")), config.domain)
         record_labelled(store, *setting.split)
-        return Experiment(
-            seed=SEED,
-            towers=config.towers,
-            every=config.evaluation.every,
-            initial=config.initial,
-            acquisition=config.acquisition,
-            sampler=config.sampler,
-            world=config.world,
-            model=ensemble,
-            evaluator=Evaluator(config.evaluation, config.domain, config.planner, config.task),
-            store=store,
-            tracker=counter,
-        )
+        return make_experiment(config, ensemble, store, counter)
 
     def ours(experiment: Experiment) -> None:
         experiment.learn(0)

@@ -11,7 +11,7 @@ import pytest
 import torch
 
 import apf.main
-from integration.command_line import SMOKE, TINY, Result, spawn
+from integration.command_line import SMOKE, TINY, Result, call, spawn
 
 
 @pytest.fixture(scope="session")
@@ -47,7 +47,7 @@ def tiny_run(once: Callable) -> Path:
     """The directory of a tiny run in the analytic world."""
 
     def make(folder: Path) -> Result:
-        return spawn(["-m", "apf.main", *TINY, "world=analytic", f"hydra.run.dir={folder / 'run'}"], cwd=folder)
+        return call(*TINY, "world=analytic", f"hydra.run.dir={folder / 'run'}")
 
     folder, result = once("tiny", make)
     result.must_work()

@@ -55,9 +55,9 @@ def test_plot_regret(sweep: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_plot_accuracy(sweep: Path, tmp_path: Path) -> None:
-    folder = shutil.copytree(sweep / "runs" / "mine", tmp_path / "sweep")
-    spawn([SCRIPTS["accuracy"], folder, "--out", tmp_path / "figures" / "curve"], cwd=tmp_path).must_work()
+def test_plot_accuracy(sweep: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    folder = sweep / "runs" / "mine"
+    plot(monkeypatch, "accuracy", folder, "--out", tmp_path / "figures" / "curve")
     must_be_pictures(tmp_path / "figures" / "curve")
     drawn = pd.read_csv(tmp_path / "figures" / "curve.csv")
     assert list(drawn.columns) == ["group", "length", "towers", "mean", "min", "max", "runs"]

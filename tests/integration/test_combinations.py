@@ -10,9 +10,7 @@ from omegaconf import DictConfig
 
 from apf.config import config_dir, validate
 from apf.data import Kind
-from apf.experiment import Experiment
-from apf.main import make_model
-from apf.planning import Evaluator
+from apf.main import make_experiment, make_model
 from apf.store import Store
 from apf.tracking import NoTracker
 from integration.command_line import TINY, options
@@ -32,19 +30,7 @@ def run(cfg: DictConfig, directory: Path) -> Store:
     """One acquisition, as apf/main.py does it. Returns the store of the run, open."""
     config = validate(cfg)
     store = Store(directory, config.domain)
-    Experiment(
-        seed=config.seed,
-        towers=config.towers,
-        every=config.evaluation.every,
-        initial=config.initial,
-        acquisition=config.acquisition,
-        sampler=config.sampler,
-        world=config.world,
-        model=make_model(cfg, config),
-        evaluator=Evaluator(config.evaluation, config.domain, config.planner, config.task),
-        store=store,
-        tracker=NoTracker(),
-    ).run()
+    make_experiment(config, make_model(cfg, config), store, NoTracker()).run()
     return store
 
 

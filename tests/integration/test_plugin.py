@@ -1,5 +1,6 @@
 """Somebody's own sampler and world, in a package and configs of their own, without touching this repository."""
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -70,7 +71,8 @@ def overrides(plugin: Path) -> tuple[str, ...]:
 @pytest.mark.slow
 def test_own_sampler_and_world(plugin: Path, tmp_path: Path) -> None:
     chosen = ("sampler=widest", "world=quake", "world@evaluation.world=quake")
-    spawn(["-m", "apf.main", *overrides(plugin), *chosen], cwd=tmp_path, PYTHONPATH=str(plugin)).must_work()
+    path = os.pathsep.join([str(plugin), os.environ.get("PYTHONPATH", "")])
+    spawn(["-m", "apf.main", *overrides(plugin), *chosen], cwd=tmp_path, PYTHONPATH=path).must_work()
     state = yaml.safe_load((tmp_path / "run" / "run.yaml").read_text())
     assert (state["choices"]["sampler"], state["choices"]["world"]) == ("widest", "quake")
     towers = pd.read_parquet(tmp_path / "run" / "towers.parquet")

@@ -289,6 +289,7 @@ def test_problems_where_nothing_stands_have_no_regret(here: Path) -> None:
     assert not regret["feasible"].any()
 
 
+@pytest.mark.usefixtures("no_figures")
 def test_nothing_to_evaluate(here: Path) -> None:
     call(*TINY, "evaluation.problems=0", "evaluation.test_towers=0", "hydra.run.dir=run").must_work()
     regret, accuracy = (pd.read_parquet(here / "run" / f"{name}.parquet") for name in ("regret", "accuracy"))
@@ -297,6 +298,7 @@ def test_nothing_to_evaluate(here: Path) -> None:
     assert len(pd.read_parquet(here / "run" / "towers.parquet"))
 
 
+@pytest.mark.usefixtures("no_figures")
 @pytest.mark.parametrize("predictor", ["analytic", "simulation"])
 def test_predictors_that_know_the_physics_are_evaluated_once(here: Path, predictor: str) -> None:
     overrides = (*TINY, f"predictor={predictor}", "evaluation.test_towers=40", "hydra.run.dir=run")
