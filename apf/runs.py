@@ -7,12 +7,14 @@ from typing import Any
 
 import pandas as pd
 
-from apf.config import flatten, identity
+from apf.config import NO_EFFECT, flatten, identity
 from apf.errors import InputError
 from apf.store import read_yaml
 
 NOT_A_GROUP = ("seed",)
 """Keys by which runs of one group may differ."""
+NO_NAME = (*NO_EFFECT, "experiment")
+"""Config groups whose choice says nothing of a run's results, or only what other keys say."""
 
 
 @dataclass(frozen=True)
@@ -24,8 +26,12 @@ class Run:
     choices: dict[str, Any]
 
     def table(self, name: str) -> pd.DataFrame:
-        """The parquet table of that name."""
-        return pd.read_parquet(self.directory / f"{name}.parquet")
+        """The parquet table of that name. Raises InputError if it cannot be read."""
+        path = self.directory / f"{name}.parquet"
+        try:
+            return pd.read_parquet(path)
+        except (OSError, ValueError) as error:
+            raise InputError(f"{path}: cannot be read: {str(error).splitlines()[0]}") from None
 
 
 def find_runs(directories: Sequence[Path]) -> tuple[list[Run], list[Path]]:
@@ -55,7 +61,7 @@ def label_runs(runs: Sequence[Run]) -> list[str]:
 
     Where the choice of a config group differs, its name stands for all keys of the group that follow from it.
     """
-    groups = sorted({group for run in runs for group in run.choices})
+    groups = sorted({group for run in runs for group in run.choices if _owner(group) not in NO_NAME})
     flats = [flatten(identity(run.config)) for run in runs]
     chosen = [g for g in groups if _varies([str(run.choices.get(g)) for run in runs])]
     keys = sorted({key for flat in flats for key in flat if key not in NOT_A_GROUP})

@@ -5,6 +5,7 @@ process of its own, on one thread, so that its peak of memory is its own. DIR ge
 """
 
 import argparse
+import csv
 import json
 import os
 import resource
@@ -12,7 +13,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from statistics import median
 from typing import TYPE_CHECKING, Any
@@ -78,14 +79,20 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if options.out is None:
         parser.error("the following arguments are required: --out")
     options.out.mkdir(parents=True, exist_ok=True)
-    rows = measure_all(options.quick)
+    rows = []
+    with (options.out / "growth.csv").open("w", newline="") as file:
+        writer = csv.DictWriter(file, COLUMNS)
+        writer.writeheader()
+        for row in measurements(options.quick):
+            writer.writerow(row)
+            file.flush()
+            rows.append(row)
     draw(rows, options.out / "growth")
 
 
-def measure_all(quick: bool) -> list[dict]:
+def measurements(quick: bool) -> Iterator[dict[str, Any]]:
     """One row for each size and operation, in `COLUMNS`."""
     sizes, usual = (QUICK_SIZES, QUICK_USUAL) if quick else (SIZES, USUAL)
-    rows = []
     with tempfile.TemporaryDirectory() as directory:
         weights = str(Path(directory) / "trained.safetensors")
         print("training an ensemble to plan with", file=sys.stderr)
@@ -96,8 +103,7 @@ def measure_all(quick: bool) -> list[dict]:
                     size = usual | {varied: value}
                     result = in_process(operation, size, weights)
                     print(f"{LABELS[operation]}, {size}: {result}", file=sys.stderr)
-                    rows.append({"varied": varied, "operation": operation, **size, **result})
-    return rows
+                    yield {"varied": varied, "operation": operation, **size, **result}
 
 
 def in_process(operation: str, size: dict[str, int], weights: str) -> dict[str, float]:
@@ -228,12 +234,14 @@ def draw(rows: list[dict], stem: Path) -> None:
                     (handles[operation],) = axes.plot(
                         line[varied], line[quantity], color=colours[operation], marker="o", markersize=2.5
                     )
-                axes.set_yscale("log")
                 if varied != "length":
                     axes.set_xscale("log")
             grid[1][column].set_xlabel(title)
+        grid[0][0].set_yscale("log")
+        grid[1][0].set_ylim(0, max(1100, 1.05 * table["peak_mib"].max()))
         for axes in grid[1]:
-            axes.axhline(1024, color="0.75", linewidth=0.8, linestyle=":", zorder=0)
+            axes.axhline(1024, color="0.6", linewidth=0.8, linestyle=":", zorder=0)
+        grid[1][0].annotate("1 GiB", (0.02, 1040), xycoords=("axes fraction", "data"), color="0.4")
         grid[0][0].set_ylabel("Time [s]")
         grid[1][0].set_ylabel("Peak memory [MiB]")
         sns.despine(figure)

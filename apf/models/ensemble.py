@@ -105,7 +105,14 @@ class Ensemble(Predictor):
 
 
 def pick_device(name: str) -> torch.device:
-    """The device of that name; `auto` is a GPU where there is one, else the CPU."""
-    if name != "auto":
-        return torch.device(name)
-    return torch.device("cuda" if torch.cuda.is_available() else "cpu")
+    """The device of that name; `auto` is a GPU where there is one, else the CPU.
+
+    Raises RuntimeError if there is no such device, or none that can compute.
+    """
+    if name == "auto":
+        return torch.device("cuda" if torch.cuda.is_available() else "cpu")
+    device = torch.device(name)
+    if device.type not in ("cpu", "cuda", "mps", "xpu"):
+        raise RuntimeError("it must be auto, cpu, cuda, mps or xpu")
+    torch.zeros(1, device=device)
+    return device

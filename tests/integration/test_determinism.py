@@ -143,6 +143,7 @@ def test_a_run_stopped_at_any_moment_ends_the_same(
     must_be_equal(uninterrupted["incremental"], here / "run")
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("no_figures")
 def test_a_run_stopped_again_and_again_ends_the_same(
     uninterrupted: dict[str, Path], here: Path, monkeypatch: pytest.MonkeyPatch

@@ -63,6 +63,7 @@ def test_a_run_of_a_sweep_is_the_run_alone(sweep: Path, here: Path) -> None:
         pd.testing.assert_frame_equal(*tables, check_exact=True)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("no_figures")
 def test_the_name_of_a_run_tells_configs_apart(here: Path) -> None:
     """What changes the results changes the hash in the name; what does not, does not."""

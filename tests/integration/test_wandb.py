@@ -97,6 +97,7 @@ def test_offline_without_any_network(tmp_path: Path, listener: tuple[str, list[A
     assert len(came) == 1, "the address does notice a visitor"
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("no_figures")
 def test_jobs_of_a_sweep_are_runs_of_their_own(here: Path) -> None:
     call("-m", *TINY, "tracker=wandb", "seed=0,1", "sweep=mine").must_work()
