@@ -30,10 +30,9 @@ def draw(
         runs, unfinished = find_runs(arguments.directories)
         for directory in unfinished:
             print(f"left out, not finished: {directory}", file=sys.stderr)
-        table = gather(runs, name)
-        if table.empty:
-            raise InputError(f"the runs hold no {name}: their config asked for none")
-        curves = curves_of(table)
+        curves = curves_of(gather(runs, name))
+        if curves.empty:
+            raise InputError(f"the runs hold no {name}: their config asked for none, or no candidate tower could stand")
         paths = save(plot(curves), curves, arguments.out or arguments.directories[0] / name)
     except InputError as error:
         sys.exit(f"error: {error}")

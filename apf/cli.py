@@ -13,6 +13,7 @@ from apf.errors import InputError
 
 MISTAKES = (InputError, HydraException, OmegaConfBaseException)
 _show_traceback = os.environ.get("HYDRA_FULL_ERROR") == "1"
+_in_job = False
 
 
 def one_line_errors(job: Callable[[DictConfig], None]) -> Callable[[DictConfig], None]:
@@ -20,6 +21,8 @@ def one_line_errors(job: Callable[[DictConfig], None]) -> Callable[[DictConfig],
 
     @functools.wraps(job)
     def wrapped(cfg: DictConfig) -> None:
+        global _in_job
+        _in_job = True
         try:
             job(cfg)
         except MISTAKES as error:
@@ -31,24 +34,30 @@ def one_line_errors(job: Callable[[DictConfig], None]) -> Callable[[DictConfig],
 
 
 def run_command(command: Callable[[], object]) -> None:
-    """Run a Hydra command; a mistake in what it is to compose also ends in one line and exit code 1.
+    """Run a Hydra command; whatever keeps it from starting its job also ends in one line and exit code 1.
 
     Set HYDRA_FULL_ERROR=1 to see tracebacks.
     """
+    global _in_job
+    _in_job = False
     os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra then hands its exceptions on
     try:
         command()
-    except MISTAKES as error:
-        if _show_traceback:
-            raise
-        sys.exit(f"error: {one_line(error)}")
     except KeyboardInterrupt:
         sys.exit("interrupted")
+    except Exception as error:
+        if _show_traceback or (_in_job and not isinstance(error, MISTAKES)):
+            raise
+        sys.exit(f"error: {one_line(error)}")
 
 
 def one_line(error: BaseException) -> str:
-    """The message of an exception, folded into one line."""
+    """The message of an exception, folded into one line, with the config key that it is about."""
+    if isinstance(error, OSError):
+        return f"{error.filename}: {error.strerror}"
     message = str(error).partition("\nConfig search path:")[0]
     lines = [line.strip() for line in message.splitlines()]
-    kept = [line for line in lines if line and not line.startswith(("full_key:", "object_type="))]
-    return " ".join(kept)
+    kept = [line for line in lines if line and not line.startswith(("full_key:", "object_type=", "To append to"))]
+    folded = " ".join(kept)
+    key = str(getattr(error, "full_key", None) or "")
+    return folded if key in folded else f"{key}: {folded}"

@@ -12,7 +12,7 @@ from hydra.core.hydra_config import HydraConfig
 from hydra.types import RunMode
 from omegaconf import DictConfig
 
-from apf.cli import one_line_errors, run_command
+from apf.cli import MISTAKES, one_line_errors, run_command
 from apf.config import Config, Learned, config_dir, config_hash, describe, flatten, identity, plain, validate
 from apf.errors import InputError
 from apf.experiment import Experiment
@@ -20,6 +20,7 @@ from apf.models import Ensemble, pick_device
 from apf.planning import Evaluator
 from apf.report import print_summary, save_figures
 from apf.store import Store, read_yaml, write_yaml
+from apf.towers import TowerDomain
 from apf.tracking import ConsoleTracker, RunInfo, Tracker, Trackers
 
 
@@ -33,8 +34,8 @@ def job(cfg: DictConfig) -> None:
         config = validate(cfg)
         torch.set_num_threads(config.threads)
         model = make_model(cfg, config)
-        finished = claim(directory, plain(cfg))
-    except InputError:
+        finished = claim(directory, plain(cfg), config.domain)
+    except MISTAKES:
         _remove_if_empty(directory)
         raise
     if finished:
@@ -45,9 +46,9 @@ def job(cfg: DictConfig) -> None:
     console = ConsoleTracker()
     tracker = Trackers([console, config.tracker])
     in_sweep = HydraConfig.get().mode == RunMode.MULTIRUN
-    tracker.start(RunInfo(directory.name, directory, plain(cfg), config.sweep if in_sweep else None))
     failed = True
     try:
+        tracker.start(RunInfo(directory.name, directory, plain(cfg), config.sweep if in_sweep else None))
         experiment = make_experiment(config, model, store, tracker)
         if isinstance(config.predictor, Learned):
             experiment.run()
@@ -93,7 +94,7 @@ def make_experiment(config: Config, model: Ensemble, store: Store, tracker: Trac
     )
 
 
-def claim(directory: Path, config: dict) -> bool:
+def claim(directory: Path, config: dict, domain: TowerDomain) -> bool:
     """Make the directory this run's own, or find that it is already. Returns whether the run has finished.
 
     Raises InputError, naming the keys that differ, if another run lives there.
@@ -103,6 +104,7 @@ def claim(directory: Path, config: dict) -> bool:
         differing = [key for key in sorted(mine.keys() | theirs.keys()) if mine.get(key) != theirs.get(key)]
         if differing:
             raise InputError(f"{directory} holds a run of another config; these keys differ: {', '.join(differing)}")
+        domain.check_kept(directory)
         return bool(read_yaml(directory / "run.yaml").get("finished"))
     try:
         directory.mkdir(parents=True, exist_ok=True)
@@ -116,6 +118,7 @@ def claim(directory: Path, config: dict) -> bool:
             "finished": False,
             "seconds": 0.0,
         }
+        domain.keep(directory)
         write_yaml(directory / "run.yaml", state)
         write_yaml(directory / "config.yaml", config)
     except OSError as error:

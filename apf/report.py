@@ -17,8 +17,8 @@ def save_figures(directory: Path) -> None:
         ("accuracy", figures.accuracy_curves, figures.plot_accuracy),
     ):
         table = pd.read_parquet(directory / f"{name}.parquet").assign(run=0, group=directory.name)
-        if len(table):
-            curves = curves_of(table)
+        curves = curves_of(table)
+        if len(curves):
             figures.save(plot(curves), curves.drop(columns="group"), directory / "figures" / name)
 
 

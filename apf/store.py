@@ -157,7 +157,10 @@ class Store:
         rows = self._db.execute(
             "select id, step, split, score, plan, labels from towers where labels is not null order by id"
         ).fetchall()
-        parts = []
+        parts = [self.domain.table(self.domain.random_plans(1, 0, np.random.default_rng()))] if not rows else []
+        for part in parts:
+            for place, column in enumerate(("step", "split", "score", "label"), start=2):
+                part.insert(place, column, [])
         for number, step, split, score, plan, labels in rows:
             part = self.domain.table(self.domain.decode([plan]))
             part["tower"] = number
@@ -167,7 +170,7 @@ class Store:
             part.insert(4, "score", np.nan if score is None else score)
             part.insert(5, "label", label)
             parts.append(part)
-        return pd.concat(parts, ignore_index=True) if parts else pd.DataFrame()
+        return pd.concat(parts, ignore_index=True)
 
     def export(self) -> None:
         """Write towers.parquet, regret.parquet and accuracy.parquet, each replaced in one step."""

@@ -1,6 +1,7 @@
 """Mirrors of a run: the terminal and Weights & Biases. The run directory is the truth; these only show it."""
 
 import logging
+import os
 import sys
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
@@ -11,6 +12,7 @@ from typing import Any, Literal
 from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+from apf.errors import InputError
 from apf.settings import settings
 
 log = logging.getLogger("apf")
@@ -70,9 +72,19 @@ class WandbTracker(Tracker):
 
     def start(self, run: RunInfo) -> None:
         """Open the run; its files lie in the run directory."""
+        if self.mode == "offline":  # else W&B sends reports of its own errors
+            os.environ.setdefault("WANDB_ERROR_REPORTING", "false")
         import wandb
 
-        self._run = wandb.init(
+        try:
+            self._run = self._init(wandb, run)
+        except wandb.errors.Error as error:
+            raise InputError(f"tracker.mode={self.mode}: {str(error).splitlines()[0]}") from None
+        self._run.define_metric("towers")
+        self._run.define_metric("*", step_metric="towers")
+
+    def _init(self, wandb: Any, run: RunInfo) -> Any:
+        return wandb.init(
             project=self.project,
             entity=self.entity,
             mode=self.mode,
@@ -82,8 +94,6 @@ class WandbTracker(Tracker):
             config=run.config,
             settings=wandb.Settings(silent=True, console="off"),
         )
-        self._run.define_metric("towers")
-        self._run.define_metric("*", step_metric="towers")
 
     def log(self, step: int, towers: int, metrics: Mapping[str, float]) -> None:
         """Curves over the number of labelled towers."""

@@ -138,8 +138,8 @@ def acquisition(setting: Setting) -> Case:
         limit=[Timed(replay(of_epoch), counter.epochs), Timed(replay(of_proposal))],
         target=Target(ratio=12),
         note=f"TGN; ours trains {counter.epochs} epochs, until no member's validation loss falls any more; reference: "
-        f"{epochs} epochs; of these {sizes.epochs_reference} of {sizes.members_reference} of {e} members are timed, "
-        f"and {sizes.candidates_reference} of {sizes.candidates:,} candidates, and scaled",
+        f"{epochs} epochs x {e} members, of which {sizes.epochs_reference} x {sizes.members_reference} are timed, and "
+        f"{sizes.candidates_reference} of {sizes.candidates:,} candidates; scaled",
         repetitions=sizes.acquisitions,
     )
 

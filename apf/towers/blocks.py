@@ -49,6 +49,11 @@ class BlockSet:
     def __len__(self) -> int:
         return len(self.name)
 
+    def equals(self, other: "BlockSet") -> bool:
+        """The same names and, bit for bit, the same numbers?"""
+        mine, theirs = ((b.dims, b.com, b.mass) for b in (self, other))
+        return self.name == other.name and all(map(np.array_equal, mine, theirs))
+
     def subset(self, which: np.ndarray) -> "BlockSet":
         """The blocks of the given indices [M]."""
         return BlockSet(tuple(self.name[i] for i in which), self.dims[which], self.com[which], self.mass[which])

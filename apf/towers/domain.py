@@ -8,6 +8,7 @@ experimental infrastructure and a feasibility detector (`apf.worlds`), and induc
 import json
 from collections.abc import Iterator, Sequence
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -18,7 +19,7 @@ from apf.settings import settings
 from apf.towers.balanced import balanced_towers
 from apf.towers.blocks import BlockSet, BlockSource
 from apf.towers.features import N_FEATURES, N_POSITION, features
-from apf.towers.files import tower_table
+from apf.towers.files import read_blocks, tower_table, write_blocks
 from apf.towers.stability import stands
 from apf.towers.towers import Offset, Towers, random_extensions, random_towers
 
@@ -45,6 +46,22 @@ class TowerDomain:
     def evaluation_blocks(self) -> BlockSet:
         """The novel set."""
         return self.evaluation.load()
+
+    def keep(self, directory: Path) -> None:
+        """Write both block sets into a run directory: what was labelled stays tied to them."""
+        for name, blocks in self._sets().items():
+            write_blocks(blocks, directory / name)
+
+    def check_kept(self, directory: Path) -> None:
+        """Raises InputError if a block set is not the one that `keep` wrote."""
+        for name, blocks in self._sets().items():
+            if not blocks.equals(read_blocks(directory / name)):
+                raise InputError(
+                    f"{directory / name} differs from the blocks of now; labels belong to the blocks there"
+                )
+
+    def _sets(self) -> dict[str, BlockSet]:
+        return {"training_blocks.csv": self.training_blocks, "evaluation_blocks.csv": self.evaluation_blocks}
 
     def check_length(self, length: int, key: str, evaluation: bool = False) -> None:
         """Raises InputError, naming the config key, if no plan of `length` placements can be made."""
