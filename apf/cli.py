@@ -53,7 +53,7 @@ def run_command(command: Callable[[], object]) -> None:
 
 def one_line(error: BaseException) -> str:
     """The message of an exception, folded into one line, with the config key that it is about."""
-    if isinstance(error, OSError):
+    if isinstance(error, OSError) and error.strerror:
         return f"{error.filename}: {error.strerror}"
     message = str(error).partition("\nConfig search path:")[0]
     lines = [line.strip() for line in message.splitlines()]

@@ -1,13 +1,10 @@
 """The benchmarks: the plain reference computes what we do, and nothing has become grossly slower."""
 
 import random
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import pytest
 import torch
 from torch import nn
@@ -20,10 +17,9 @@ from apf.towers import Towers, balanced_towers, features
 from apf.worlds import AnalyticWorld
 from benchmarks import reference as plain
 from benchmarks import reference_learning as plain_learning
-from benchmarks.__main__ import COLUMNS
 from benchmarks.learning import check_training, plain_members, plain_samples
 from benchmarks.limits import products_with_weights, replay
-from benchmarks.operations import ONLY_FULL, OPERATIONS, check_towers, same_tower
+from benchmarks.operations import check_towers, same_tower
 from benchmarks.setting import QUICK, Setting
 from benchmarks.timing import Case, Target, Timed, measure
 
@@ -145,31 +141,3 @@ def test_ratios_and_targets() -> None:
     assert not row.holds
     assert next(ticks) == 9
     assert str(Target(ratio=10, limit_share=0.5)) == ">= 10 x reference, >= 0.5 of the limit"
-
-
-@pytest.mark.slow
-def test_the_command_and_no_gross_regression(tmp_path: Path) -> None:
-    path = tmp_path / "results" / "benchmarks.csv"
-    command = [sys.executable, "-m", "benchmarks", "--quick", "--csv", str(path)]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    table = pd.read_csv(path)
-    assert table.columns.tolist() == COLUMNS
-    assert len(table) == len(OPERATIONS) - len(ONLY_FULL)
-    for row in table.to_dict("records"):
-        target = float(row["target"].removeprefix(">= ").split(" x reference")[0])
-        loosely = LOOSELY_FOR_A_PLAN if row["operation"].startswith("one plan") else LOOSELY
-        assert row["reference_ratio"] >= target / loosely, row
-        assert 0 < row["limit_share"] < 1.5, row
-
-
-@pytest.mark.slow
-def test_growth_draws_what_it_measured(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "benchmarks.growth", "--quick", "--out", str(tmp_path / "out")]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    table = pd.read_csv(tmp_path / "out" / "growth.csv")
-    assert set(table["varied"]) == {"towers", "length", "members", "candidates"}
-    assert (table["seconds"] > 0).all()
-    assert (table["peak_mib"] >= table["start_mib"]).all()
-    assert all((tmp_path / "out" / f"growth.{ending}").stat().st_size > 1000 for ending in ("pdf", "png"))
