@@ -48,7 +48,8 @@ def run_command(command: Callable[[], object]) -> None:
     except Exception as error:
         if _show_traceback or (_in_job and not isinstance(error, MISTAKES)):
             raise
-        sys.exit(f"error: {one_line(error)}")
+        given = "" if isinstance(error, (*MISTAKES, OSError)) else f" (given: {' '.join(sys.argv[1:])})"
+        sys.exit(f"error: {one_line(error)}{given}")
 
 
 def one_line(error: BaseException) -> str:
