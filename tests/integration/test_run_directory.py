@@ -44,7 +44,8 @@ def test_every_file_is_there(smoke: tuple[Path, Result]) -> None:
     weights = {f"weights/step_{step:04d}.safetensors" for step in (1, 2)}
     figures = {f"figures/{name}{end}" for name in ("regret", "accuracy") for end in (".png", ".pdf", ".csv")}
     tables = {f"{name}.parquet" for name in ("towers", "regret", "accuracy")}
-    assert found == weights | figures | tables | {"config.yaml", "run.yaml", "run.log", "journal.sqlite"}
+    blocks = {"training_blocks.csv", "evaluation_blocks.csv"}
+    assert found == weights | figures | tables | blocks | {"config.yaml", "run.yaml", "run.log", "journal.sqlite"}
     assert not list(directory.rglob("*.pkl"))
 
 
