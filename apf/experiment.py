@@ -118,12 +118,12 @@ class Experiment:
         self.tracker.phase(step, self.steps, "training")
         train, validation = (self.store.labelled(split, until=step) for split in (TRAIN, VALIDATION))
         history = self.model.fit(train, validation, stream(self.seed, "train", step))
-        best = history.best_epoch
+        train_loss, validation_loss = history.best_losses
         losses = {
-            f"loss/{split}": float(np.mean([loss[epoch][member] for member, epoch in enumerate(best)]))
-            for split, loss in ((TRAIN, history.train_loss), (VALIDATION, history.validation_loss))
+            f"loss/{TRAIN}": train_loss,
+            f"loss/{VALIDATION}": validation_loss,
+            "loss/epochs": len(history.train_loss),
         }
-        losses["loss/epochs"] = len(history.train_loss)
         self.tracker.log(step, self.store.count(until=step), losses)
 
     def evaluate(self, step: int, predictor: Predictor) -> None:

@@ -169,7 +169,7 @@ def prepare_epoch(size: dict[str, int], weights: str) -> Callable[[], object]:
     train = examples([Labelled(plans, labels)], ensemble.kind, ensemble.domain)
     nearly_none = [Examples(train[0].x[:1], train[0].y[:1])]
     one_epoch, generators = changed(ensemble.training, max_epochs=1), new_generators(ensemble)
-    return lambda: fit(ensemble.network, ensemble.members, train, nearly_none, one_epoch, generators)
+    return lambda: fit(ensemble.network, train, nearly_none, one_epoch, *generators)
 
 
 def prepare_bald(size: dict[str, int], weights: str) -> Callable[[], object]:

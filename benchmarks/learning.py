@@ -25,7 +25,7 @@ from apf.tracking import RunInfo, Tracker
 from benchmarks import reference as plain
 from benchmarks import reference_learning as plain_learning
 from benchmarks.limits import products_with_weights, replay
-from benchmarks.setting import SEED, Setting, reset
+from benchmarks.setting import SEED, Setting
 from benchmarks.timing import Case, Target, Timed
 
 
@@ -40,7 +40,7 @@ def epoch(setting: Setting, model: str, target: Target) -> Case:
     check_training(ensemble, train, samples)
 
     def ours() -> None:
-        fit(ensemble.network, ensemble.members, train, nearly_none, one_epoch, generators)
+        fit(ensemble.network, train, nearly_none, one_epoch, *generators)
 
     fraction = setting.sizes.members_reference
     members = plain_members(ensemble)[:fraction]
@@ -60,7 +60,7 @@ def epoch(setting: Setting, model: str, target: Target) -> Case:
         reference=[Timed(reference, e / fraction)],
         limit=[Timed(replay(products_with_weights(ensemble.network, ours)))],
         target=target,
-        note=f"{sum(map(len, train)):,} views, {labels:,} labels, batches of {ensemble.training.batch} views; "
+        note=f"{sum(map(len, train)):,} views, {labels:,} labels, batches of {ensemble.training.batch} labels; "
         f"reference: batches of {plain_learning.TRAINING_BATCH} labels, {fraction} of {e} members, scaled",
         repetitions=setting.sizes.repetitions,
     )
@@ -93,11 +93,9 @@ def check_training(ensemble: Ensemble, train: list[Examples], samples: plain_lea
         for name, gradient in plain_learning.plain_names({n: g[e] for n, g in gradients.items()}).items():
             torch.testing.assert_close(plain_gradients[name], gradient, rtol=1e-3, atol=1e-6)
     network.zero_grad()
-    with_all_in_one_batch = changed(ensemble.training, max_epochs=1, batch=10**9)
-    generators = new_generators(ensemble)
-    history = fit(network, ensemble.members, batch, batch[:1], with_all_in_one_batch, generators)
+    standing_still = changed(ensemble.training, max_epochs=1, learning_rate=1e-12)
+    history = fit(network, batch, batch[:1], standing_still, *new_generators(ensemble))
     np.testing.assert_allclose(history.train_loss[0], loss.detach().numpy(), rtol=1e-4)
-    reset(ensemble)
 
 
 def acquisition(setting: Setting) -> Case:
@@ -122,7 +120,7 @@ def acquisition(setting: Setting) -> Case:
     train, validation = (examples(part, ensemble.kind, config.domain) for part in setting.split)
     one_epoch, generators = changed(ensemble.training, max_epochs=1), new_generators(ensemble)
     of_epoch = products_with_weights(
-        ensemble.network, lambda: fit(ensemble.network, ensemble.members, train, validation, one_epoch, generators)
+        ensemble.network, lambda: fit(ensemble.network, train, validation, one_epoch, *generators)
     )
     of_proposal = products_with_weights(
         ensemble.network,
@@ -214,14 +212,15 @@ def plain_samples(labelled: Sequence[Labelled]) -> plain_learning.Samples:
     return plain_learning.prefix_samples(*plain_towers(labelled))
 
 
-def changed(training: Training, **values: int) -> Training:
+def changed(training: Training, **values: float) -> Training:
     """The same settings but for these."""
     return Training(**(vars(training) | values))
 
 
-def new_generators(ensemble: Ensemble) -> list[torch.Generator]:
-    """One per member."""
-    return [torch.Generator().manual_seed(e) for e in range(ensemble.members)]
+def new_generators(ensemble: Ensemble) -> tuple[list[torch.Generator], torch.Generator]:
+    """One per member, and one for what they share."""
+    *members, shared = (torch.Generator().manual_seed(e) for e in range(ensemble.members + 1))
+    return members, shared
 
 
 def cross_entropy(logits: Tensor, y: Tensor) -> Tensor:

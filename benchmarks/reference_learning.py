@@ -115,10 +115,10 @@ def plain_names(stacked: Mapping[str, Tensor]) -> dict[str, Tensor]:
         return plain
     return (
         plain
-        | layer("message.0", "source", "target", "position", bias="target")
+        | layer("message.0", "first", bias="first")
         | layer("message.2", "middle", bias="middle")
         | layer("message.4", "last", bias="last")
-        | layer("update.0", "update", "to_update", bias="update")
+        | layer("update.0", "update_own", "update_messages", bias="update_own")
     )
 
 

@@ -75,14 +75,11 @@ def plain_graph_network(network: EnsembleNetwork, x: torch.Tensor, both_ways: bo
         for j in range(len(x)):
             if j > i or (both_ways and j != i):
                 inputs = torch.cat([own[j], own[i], position[j] - position[i]])
-                first = torch.cat(
-                    [w["messages.source.weight"], w["messages.target.weight"], w["messages.position.weight"]]
-                )
-                hidden = torch.relu(inputs @ first + w["messages.target.bias"][0])
+                hidden = torch.relu(inputs @ w["messages.first.weight"] + w["messages.first.bias"][0])
                 hidden = torch.relu(hidden @ w["messages.middle.weight"] + w["messages.middle.bias"][0])
-                total = total + hidden @ w["messages.last.weight"] + w["messages.last.bias"][0]
-        update = torch.cat([w["update.weight"], w["messages.to_update.weight"]])
-        states.append(torch.relu(torch.cat([own[i], total]) @ update + w["update.bias"][0]))
+                total = total + hidden @ w["last.weight"] + w["last.bias"][0]
+        update = torch.cat([w["update_own.weight"], w["update_messages.weight"]])
+        states.append(torch.relu(torch.cat([own[i], total]) @ update + w["update_own.bias"][0]))
     hidden = torch.relu(torch.stack(states).mean(0) @ w["readout.weight"] + w["readout.bias"][0])
     return (hidden @ w["logit.weight"] + w["logit.bias"][0])[0]
 
@@ -102,7 +99,7 @@ def test_in_tgn_no_block_hears_from_the_bottom_one(name: str, heard: bool) -> No
     changed[0, 0, 0, :D] += 1
     graph = prefix_graph(3, name == "fcgn", True, x.device)
     messages = make(name, members=1).messages
-    before, after = (messages(v[..., :-D], v[..., -D:], graph)[:, graph.block > 0] for v in (x, changed))
+    before, after = (messages(v, graph)[:, graph.block > 0] for v in (x, changed))
     assert torch.allclose(before, after) is not heard
 
 

@@ -8,9 +8,9 @@ import pytest
 import torch
 
 from apf.data import Kind, Labelled, examples
-from apf.models import Ensemble, EnsembleSettings, LSTMNetwork, TowersGraphNetwork, Training
+from apf.models import Ensemble, EnsembleNetwork, EnsembleSettings, LSTMNetwork, TowersGraphNetwork, Training
 from apf.models import training as training_module
-from apf.models.training import _batches, validation_loss
+from apf.models.training import _batches, fit, validation_loss
 from apf.towers import TowerDomain, standing_prefixes
 from apf.worlds import AnalyticWorld
 
@@ -52,15 +52,22 @@ def test_augmentation_turns_the_tower_and_keeps_its_labels() -> None:
         np.testing.assert_array_equal(standing_prefixes(view), standing_prefixes(group.plans))
 
 
-def test_batches_hold_every_example_once_and_a_share_of_every_length() -> None:
+def test_batches_hold_every_example_once_and_about_as_many_labels_each() -> None:
     generators = [torch.Generator().manual_seed(seed) for seed in range(2)]
-    batches = list(_batches([40, 8], 12, generators))
-    assert len(batches) == 4
-    assert [parts[1].shape for parts in batches] == [(2, 2)] * 4
-    for group, size in ((0, 40), (1, 8)):
-        orders = torch.cat([parts[group] for parts in batches], 1)
-        assert orders.sort(1).values.tolist() == [list(range(size))] * 2
+    pairs, triples = (torch.zeros(40, 2, 10), torch.zeros(40, 1)), (torch.zeros(24, 3, 10), torch.zeros(24, 2))
+    batches = list(_batches([pairs, triples], 8, generators, torch.Generator()))
+    assert [rows.shape for x, _, rows in batches if x is pairs[0]] == [(2, 8)] * 5
+    assert [rows.shape for x, _, rows in batches if x is triples[0]] == [(2, 4)] * 6
+    assert len({x.shape[1] for x, _, _ in batches[:5]}) == 2  # the lengths come in random order
+    for group in (pairs, triples):
+        orders = torch.cat([rows for x, _, rows in batches if x is group[0]], 1)
+        assert orders.sort(1).values.tolist() == [list(range(len(group[0])))] * 2
         assert orders[0].tolist() != orders[1].tolist()
+
+
+def test_a_batch_is_never_empty() -> None:
+    batches = _batches([(torch.zeros(2, 5, 10), torch.zeros(2, 4))], 1, [torch.Generator()], torch.Generator())
+    assert [rows.shape for *_, rows in batches] == [(1, 1)] * 2
 
 
 def test_the_same_stream_gives_the_same_weights_and_another_gives_others() -> None:
@@ -76,20 +83,40 @@ def test_the_same_stream_gives_the_same_weights_and_another_gives_others() -> No
 def test_each_member_keeps_the_weights_of_its_own_best_epoch(monkeypatch: pytest.MonkeyPatch) -> None:
     """The validation loss is made to be lowest after epoch 1 for member 0 and after epoch 3 for member 1."""
     fake = torch.tensor([[4.0, 4.0], [1.0, 3.0], [2.0, 2.5], [2.0, 1.0], [2.0, 2.0], [2.0, 2.0], [2.0, 2.0]])
-    seen: list[dict[str, torch.Tensor]] = []
+    seen: list[list[torch.Tensor]] = []
 
-    def scripted(network: torch.nn.Module, members: int, groups: object) -> torch.Tensor:
-        seen.append({name: weight.detach().clone() for name, weight in network.named_parameters()})
-        return fake[len(seen) - 1]
+    def scripted(network: EnsembleNetwork, members: int, groups: object) -> torch.Tensor:
+        seen.append([parameter.detach().clone() for parameter in network.parameters()])
+        return fake[len(seen) - 1, -members:]
 
     monkeypatch.setattr(training_module, "validation_loss", scripted)
     model = ensemble(members=2, max_epochs=50, patience=3)
     history = model.fit([labelled(2, 20, 1)], [labelled(2, 8, 2)], np.random.default_rng(0))
-    assert history.best_epoch == [1, 3]
-    assert len(history.validation_loss) == 7  # member 1 had its best after epoch 3, and three epochs' patience
-    for name, weight in model.network.named_parameters():
-        assert torch.equal(weight[0], seen[1][name][0])
-        assert torch.equal(weight[1], seen[3][name][1])
+    assert history.best_epoch.tolist() == [1, 3]
+    assert [len(weights[0]) for weights in seen] == [2, 2, 2, 2, 2, 1, 1]  # member 0 is out of patience after epoch 4
+    assert np.isnan(history.train_loss[:, 0]).tolist() == [False] * 5 + [True] * 2
+    assert history.best_losses[1] == 1.0
+    for number, weight in enumerate(model.network.parameters()):
+        assert torch.equal(weight[0], seen[1][number][0])
+        assert torch.equal(weight[1], seen[3][number][1])
+
+
+def test_a_member_trains_the_same_whether_or_not_others_have_stopped() -> None:
+    train, validation = [labelled(3, 40, 1)], [labelled(3, 30, 2)]
+    histories = []
+    for members, patience in (([0, 1, 2], 4), ([0, 1, 2], 40)):
+        model = ensemble(members=3, max_epochs=40, patience=patience)
+        mine = [torch.Generator().manual_seed(member) for member in members]
+        model.network.reset(mine)
+        parts = (examples(part, Kind.SUBSEQUENCE, DOMAIN) for part in (train, validation))
+        histories.append(fit(model.network, *parts, model.training, mine, torch.Generator()))
+    short, long = histories
+    member = int(short.best_epoch.argmax())
+    stopped = int(np.isfinite(short.validation_loss[:, member]).sum())
+    assert np.isnan(short.validation_loss[: stopped - 1]).any()  # another one stopped before
+    np.testing.assert_allclose(
+        short.validation_loss[:stopped, member], long.validation_loss[:stopped, member], rtol=1e-4
+    )
 
 
 def test_validation_loss_is_the_mean_cross_entropy_of_all_labels() -> None:

@@ -1,5 +1,6 @@
 """An ensemble of networks that predicts the feasibility of plans (Section Abstract plan feasibility model)."""
 
+import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -16,8 +17,8 @@ from apf.predictor import Predictor
 from apf.rng import torch_generator
 from apf.settings import settings
 
-CHUNK = 2048
-"""Plans that one member scores at once."""
+CHUNK = 4096
+"""Pairs of blocks that one member looks at together: activations then stay in the cache."""
 
 
 @settings
@@ -47,22 +48,18 @@ class Ensemble(Predictor):
         self.device = device
         sizes = {"n_features": domain.n_features, "n_position": domain.n_position}
         self.network = settings.network(members=settings.members, **sizes).to(device)
-        weights = dict(self.network.named_parameters())
-        self._member_weights = [
-            {name: weight.detach()[member : member + 1] for name, weight in weights.items()}
-            for member in range(self.members)
-        ]  # views: they follow the weights as these change in place
+        self._one_member = settings.network(members=1, **sizes).to(device)
 
     def fit(self, train: Sequence[Labelled], validation: Sequence[Labelled], rng: np.random.Generator) -> History:
         """Train all members from scratch, each with its own start, order of examples and early stop.
 
         Raises FloatingPointError if a loss is not finite.
         """
-        generators = [torch_generator(rng) for _ in range(self.members)]
+        *generators, turns = (torch_generator(rng) for _ in range(self.members + 1))
         self.network.reset(generators)
         train_examples = examples(train, self.kind, self.domain)
         validation_examples = examples(validation, self.kind, self.domain)
-        return fit(self.network, self.members, train_examples, validation_examples, self.training, generators)
+        return fit(self.network, train_examples, validation_examples, self.training, generators, turns)
 
     def predict(self, plans: Any) -> np.ndarray:
         """[E, N, P] float64: what each member says of each plan.
@@ -97,10 +94,13 @@ class Ensemble(Predictor):
         x = torch.from_numpy(self.domain.features(plans)).to(self.device)
         outputs = 1 if whole else plans.length - 1
         logits = torch.empty(self.members, len(plans), outputs, dtype=torch.float64, device=self.device)
-        for member, weights in enumerate(self._member_weights):
-            for start in range(0, len(plans), CHUNK):
-                rows = slice(start, start + CHUNK)
-                logits[member, rows] = torch.func.functional_call(self.network, weights, (x[None, rows], whole))[0]
+        size = max(CHUNK // math.comb(plans.length, 2), 256)
+        for member in range(self.members):
+            for weight, stack in zip(self._one_member.parameters(), self.network.parameters(), strict=True):
+                weight.data = stack.data[member : member + 1]
+            for start in range(0, len(plans), size):
+                chunk = slice(start, start + size)
+                logits[member, chunk] = self._one_member(x[None, chunk], whole)[0]
         return torch.sigmoid(logits).cpu().numpy()
 
 

@@ -20,10 +20,10 @@ from apf.models.layers import EnsembleLinear, EnsembleNetwork
 class PrefixGraph:
     """Which messages each block of each prefix receives.
 
-    A slot is a pair (prefix, block in it that hears from others); P edges, S slots, R prefixes, K blocks.
+    A slot is a pair (prefix, block in it that hears from others); P edges, S slots, R prefixes.
     edges: [2, P] (source, target). received: [S, P] 0/1, the edges into each slot from blocks of the same prefix.
-    n_received: [S, 1, 1] how many they are. block: [S] the block of each slot. mean: [R, S] and mean_alone: [R, K]
-    average a prefix over its slots and over its blocks that hear nothing.
+    n_received: [S, 1, 1] how many they are. block: [S] the block of each slot. mean: [R, S] averages over slots.
+    alone: [A] blocks that hear nothing in a prefix, and mean_alone: [R, A] how much of its average they are.
     """
 
     edges: Tensor
@@ -31,6 +31,7 @@ class PrefixGraph:
     n_received: Tensor
     block: Tensor
     mean: Tensor
+    alone: Tensor
     mean_alone: Tensor
 
 
@@ -43,66 +44,66 @@ def prefix_graph(length: int, both_ways: bool, whole: bool, device: torch.device
     edges = [(source, target) for source, target in permutations(range(length), 2) if both_ways or source > target]
     prefixes = [length] if whole else list(range(2, length + 1))
     slots = [(prefix, block) for prefix in prefixes for block in range(prefix if both_ways else prefix - 1)]
+    alone = [] if both_ways else [prefix - 1 for prefix in prefixes]
     received = [[target == block and source < prefix for source, target in edges] for prefix, block in slots]
     mean = [[(prefix == p) / prefix for p, _ in slots] for prefix in prefixes]
-    alone = [[((p, block) not in slots and block < p) / p for block in range(length)] for p in prefixes]
+    mean_alone = [[(prefix - 1 == block) / prefix for block in alone] for prefix in prefixes]
     with torch.inference_mode(False):  # cached: training must be able to use what prediction made first
-        to_received = torch.tensor(received, dtype=torch.float32, device=device)
+
+        def matrix(rows: list[list]) -> Tensor:
+            return torch.tensor(rows, dtype=torch.float32, device=device)
+
+        to_received = matrix(received)
         return PrefixGraph(
-            torch.tensor(edges, device=device).T,
-            to_received,
-            to_received.sum(1).reshape(-1, 1, 1),
-            torch.tensor([block for _, block in slots], device=device),
-            torch.tensor(mean, dtype=torch.float32, device=device),
-            torch.tensor(alone, dtype=torch.float32, device=device),
+            edges=torch.tensor(edges, device=device).T,
+            received=to_received,
+            n_received=to_received.sum(1).reshape(-1, 1, 1),
+            block=torch.tensor([block for _, block in slots], device=device),
+            mean=matrix(mean),
+            alone=torch.tensor(alone, dtype=torch.long, device=device),
+            mean_alone=matrix(mean_alone),
         )
 
 
 class PrefixMessages(MessagePassing):
-    """Messages along the edges of a `PrefixGraph`, summed for every slot. Arrays are [E, nodes, N, features].
+    """Messages along the edges of a `PrefixGraph`, summed for every slot, all but their last layer.
 
-    The message net has three layers, on both blocks' own features and on where the source lies as seen from the target.
-    Its first is split into one product per block, and the two are added on each edge. Its last is linear and so is what
-    a block's update does to the sum of messages: `last` and `to_update` act as one product, after the sum.
+    A message is a net of three layers on both blocks' own features and on where the source lies, seen from the target.
     """
 
     def __init__(self, members: int, n_own: int, n_position: int, hidden: int) -> None:
         super().__init__(aggr="sum", node_dim=-3)
-        fan_in = 2 * n_own + n_position
-        self.source = EnsembleLinear(members, n_own, hidden, bias=False, fan_in=fan_in)
-        self.target = EnsembleLinear(members, n_own, hidden, fan_in=fan_in)
-        self.position = EnsembleLinear(members, n_position, hidden, bias=False, fan_in=fan_in)
+        self.n_own = n_own
+        self.first = EnsembleLinear(members, 2 * n_own + n_position, hidden)
         self.middle = EnsembleLinear(members, hidden, hidden)
-        self.last = EnsembleLinear(members, hidden, hidden)
-        self.to_update = EnsembleLinear(members, hidden, hidden, bias=False, fan_in=n_own + hidden)
 
-    def forward(self, own: Tensor, position: Tensor, graph: PrefixGraph) -> Tensor:
-        """Own features [E, K, N, F - D] and positions [E, K, N, D] -> [E, S, N, H]: what each slot's update adds."""
-        place = self.position(position)
-        source, target = self.source(own) + place, self.target(own) - place
-        total = self.propagate(graph.edges, source=source, target=target, received=graph.received)
-        weight, bias = self.last.then(self.to_update)
-        return torch.bmm(total.flatten(1, 2), weight).view_as(total) + graph.n_received * bias.unsqueeze(1)
+    def forward(self, x: Tensor, graph: PrefixGraph) -> Tensor:
+        """Features [E, K, N, F] -> [E, S, N x H]: what each slot receives."""
+        return self.propagate(graph.edges, x=x, received=graph.received)
 
-    def message(self, source_j: Tensor, target_i: Tensor) -> Tensor:
-        """[E, P, N, H]: one message per edge, up to its last layer."""
-        return self.middle(source_j.add_(target_i).relu_()).relu_()
+    def message(self, x_i: Tensor, x_j: Tensor) -> Tensor:
+        """[E, P, N, F] of targets and of sources -> [E, P x N, H]."""
+        n = self.n_own
+        pair = torch.cat([x_j[..., :n], x_i[..., :n], x_j[..., n:] - x_i[..., n:]], -1)
+        return self.middle(self.first(pair.flatten(1, 2)).relu_()).relu_()
 
     def aggregate(self, inputs: Tensor, received: Tensor) -> Tensor:
-        """[E, P, N, H] -> [E, S, N, H]: sums over the edges into each slot, as one product with a 0/1 matrix."""
+        """[E, P x N, H] -> [E, S, N x H]: sums over the edges into each slot, as one product with a 0/1 matrix."""
         return mix_nodes(received, inputs)
 
 
 def mix_nodes(weights: Tensor, x: Tensor) -> Tensor:
-    """Weighted sums over nodes: [M, nodes] x [E, nodes, N, H] -> [E, M, N, H]."""
-    return torch.matmul(weights, x.flatten(2)).unflatten(2, x.shape[2:])
+    """Weighted sums over nodes: [M, nodes] x [E, nodes x N, H] -> [E, M, N x H]."""
+    x = x.view(len(x), weights.shape[1], -1)
+    return x * weights if weights.numel() == 1 else torch.bmm(weights.expand(len(x), -1, -1), x)
 
 
 class GraphNetwork(EnsembleNetwork):
     """One round of message passing, update of each block, mean over blocks, readout of two layers.
 
     Blocks see each other's positions as differences only: a tower is the same wherever it stands, and so is a pair of
-    neighbours at any height of it.
+    neighbours at any height of it. The last layer of a message is linear, and so is what an update does to the sum of
+    messages: `last` and `update_messages` act as one product, after the sum.
     """
 
     both_ways: bool
@@ -112,23 +113,37 @@ class GraphNetwork(EnsembleNetwork):
         self, *, members: PositiveInt, n_features: PositiveInt, n_position: PositiveInt, hidden: PositiveInt
     ) -> None:
         super().__init__()
+        self.hidden = hidden
         self.n_own = n_own = n_features - n_position
         self.messages = PrefixMessages(members, n_own, n_position, hidden)
-        self.update = EnsembleLinear(members, n_own, hidden, fan_in=n_own + hidden)
+        self.last = EnsembleLinear(members, hidden, hidden)
+        self.update_messages = EnsembleLinear(members, hidden, hidden, bias=False, fan_in=n_own + hidden)
+        self.update_own = EnsembleLinear(members, n_own, hidden, fan_in=n_own + hidden)
         self.readout = EnsembleLinear(members, hidden, hidden)
         self.logit = EnsembleLinear(members, hidden, 1)
 
     def forward(self, x: Tensor, whole: bool = False) -> Tensor:
         """[E, N, K, F] -> [E, N, K - 1], or [E, N, 1] if `whole`; see `EnsembleNetwork.forward`."""
-        x = x.transpose(1, 2)
-        own, position = x[..., : self.n_own].contiguous(), x[..., self.n_own :].contiguous()
-        graph = prefix_graph(x.shape[1], self.both_ways, whole, x.device)
-        alone = self.update(own)
-        slots = self.messages(own, position, graph).add_(alone.index_select(1, graph.block)).relu_()
-        prefixes = mix_nodes(graph.mean, slots)
-        if not self.both_ways:
-            prefixes = prefixes + mix_nodes(graph.mean_alone, torch.relu(alone))
-        return self.logit(self.readout(prefixes).relu_()).squeeze(-1).transpose(1, 2)
+        e, n, k, _ = x.shape
+        x = x.transpose(1, 2).contiguous()
+        graph = prefix_graph(k, self.both_ways, whole, x.device)
+        weight, bias = self.last.then(self.update_messages)
+        counted = torch.cat([self._own(x, graph.block), graph.n_received.expand(e, -1, n, 1)], -1)
+        slots = self.update_own(counted.flatten(1, 2), bias)
+        slots = slots.baddbmm_(self.messages(x, graph).view_as(slots), weight).relu_()
+        if self.both_ways:
+            prefixes = mix_nodes(graph.mean, slots)
+        else:
+            alone = self.update_own(self._own(x, graph.alone).flatten(1, 2)).relu_()
+            prefixes = mix_nodes(graph.mean_alone, alone).baddbmm_(
+                graph.mean.expand(e, -1, -1), slots.view(e, len(graph.block), -1)
+            )
+        logits = self.logit(self.readout(prefixes.view(e, -1, self.hidden)).relu_())
+        return logits.view(e, -1, n).transpose(1, 2)
+
+    def _own(self, x: Tensor, blocks: Tensor) -> Tensor:
+        """[E, K, N, F] -> [E, len(blocks), N, F - D]: the blocks' own features, without positions."""
+        return x.index_select(1, blocks)[..., : self.n_own]
 
 
 class TowersGraphNetwork(GraphNetwork):

@@ -30,11 +30,13 @@ class EnsembleLinear(nn.Module):
             return torch.bmm(self.weight, linear.weight), self.weight.new_zeros(1)
         return torch.bmm(self.weight, linear.weight), torch.bmm(self.bias, linear.weight)
 
-    def forward(self, x: Tensor) -> Tensor:
-        """[E, ..., in] -> [E, ..., out]."""
-        rows = x.flatten(1, -2)
-        y = torch.bmm(rows, self.weight) if self.bias is None else torch.baddbmm(self.bias, rows, self.weight)
-        return y.view(*x.shape[:-1], -1)
+    def forward(self, x: Tensor, more: Tensor | None = None) -> Tensor:
+        """[E, N, in] -> [E, N, out], a new tensor that may be changed in place.
+
+        more: [E, m, out] weights of m further inputs, which are the last of x.
+        """
+        weight = self.weight if more is None else torch.cat([self.weight, more], 1)
+        return torch.bmm(x, weight) if self.bias is None else torch.baddbmm(self.bias, x, weight)
 
 
 class EnsembleNetwork(nn.Module):
@@ -50,6 +52,22 @@ class EnsembleNetwork(nn.Module):
         x: [E, N, K, F]. Returns [E, N, K - 1], or [E, N, 1], the last of them alone, if `whole`.
         """
         raise NotImplementedError
+
+    def split(self, vector: Tensor) -> list[Tensor]:
+        """Views of a vector that holds a number for each weight of some members, shaped as the parameters are."""
+        sizes = [parameter[0].numel() for parameter in self.parameters()]
+        members = len(vector) // sum(sizes)
+        parts = vector.split([members * size for size in sizes])
+        return [part.view(members, *p.shape[1:]) for part, p in zip(parts, self.parameters(), strict=True)]
+
+    def use(self, vector: nn.Parameter) -> None:
+        """Make the parameters views of a vector, and their gradients views of its gradient.
+
+        To an optimiser all weights are then one tensor; and it decides how many members there are.
+        """
+        vector.grad = torch.zeros_like(vector)
+        for parameter, weight, gradient in zip(self.parameters(), self.split(vector.data), self.split(vector.grad)):
+            parameter.data, parameter.grad = weight, gradient
 
     def reset(self, generators: list[torch.Generator]) -> None:
         """Draw all initial weights; member e from `generators[e]` alone."""

@@ -38,20 +38,24 @@ class LSTMNetwork(EnsembleNetwork):
     def forward(self, x: Tensor, whole: bool = False) -> Tensor:
         """[E, N, K, F] -> [E, N, K - 1], or [E, N, 1] if `whole`; see `EnsembleNetwork.forward`."""
         e, n, k, _ = x.shape
-        first_gates = self.inputs[0](x.transpose(1, 2).contiguous())  # [E, K, N, 4H]
-        hidden = [x.new_zeros(e, 0, n, self.hidden) for _ in self.inputs]  # per layer, [E, running prefixes, N, H]
+        gates_of = self.inputs[0](x.transpose(1, 2).reshape(e, k * n, -1)).view(e, k, n, -1)
+        hidden = [x.new_zeros(e, 0, self.hidden) for _ in self.inputs]  # per layer, [E, running prefixes x N, H]
         cell = list(hidden)
+        fresh = x.new_zeros(e, n, self.hidden)
         for block in reversed(range(k)):
             joins = block == k - 1 if whole else block > 0
             if joins:
-                fresh = x.new_zeros(e, 1, n, self.hidden)
                 hidden = [torch.cat([fresh, h], 1) for h in hidden]
                 cell = [torch.cat([fresh, c], 1) for c in cell]
             for layer in range(len(self.inputs)):
-                gates = first_gates[:, block : block + 1] if layer == 0 else self.inputs[layer](hidden[layer - 1])
-                hidden[layer], cell[layer] = _lstm_cell(gates + self.states[layer](hidden[layer]), cell[layer])
-        prefixes = torch.relu(self.readout(hidden[-1]))
-        return self.logit(prefixes).squeeze(-1).transpose(1, 2)
+                gates = self.states[layer](hidden[layer])
+                if layer == 0:
+                    gates = gates + gates_of[:, block].repeat(1, gates.shape[1] // n, 1)
+                else:
+                    gates = gates + self.inputs[layer](hidden[layer - 1])
+                hidden[layer], cell[layer] = _lstm_cell(gates, cell[layer])
+        logits = self.logit(self.readout(hidden[-1]).relu_())
+        return logits.view(e, -1, n).transpose(1, 2)
 
 
 def _lstm_cell(gates: Tensor, cell: Tensor) -> tuple[Tensor, Tensor]:

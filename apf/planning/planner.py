@@ -69,7 +69,7 @@ class MonteCarloPlanner:
 
     candidates: PositiveInt
     """Random plans considered for each problem."""
-    chunk: PositiveInt = 4096
+    chunk: PositiveInt = 8192
     """Plans looked at between two decisions which to look at next."""
 
     def pool(self, candidates: Any, predictor: Predictor, rng: np.random.Generator) -> Pool:
