@@ -15,19 +15,29 @@ def standing_prefixes(towers: Towers, xy: np.ndarray | None = None) -> np.ndarra
     broadcast against the towers.
     """
     xy = towers.xy if xy is None else xy
-    half = towers.dims[..., :2] / 2
-    weight = towers.mass[..., None]
-    total = np.cumsum(weight, axis=-2)
-    moment = np.cumsum(weight * (xy + towers.com[..., :2]), axis=-2)
-    low, high = xy - half, xy + half
-    stands = np.ones(xy.shape[:-1], bool)
-    for i in range(towers.length - 1):
-        above = slice(i + 1, None)
-        joint = (moment[..., above, :] - moment[..., i : i + 1, :]) / (total[..., above, :] - total[..., i : i + 1, :])
-        patch_low = np.maximum(low[..., i, :], low[..., i + 1, :])[..., None, :]
-        patch_high = np.minimum(high[..., i, :], high[..., i + 1, :])[..., None, :]
-        stands[..., above] &= ((patch_low < joint) & (joint < patch_high)).all(-1)
-    return np.logical_and.accumulate(stands, axis=-1)
+    k, mass = towers.length, _by_placement(towers.mass)
+    stands = np.ones((k, *xy.shape[:-2]), bool)
+    for axis in range(2):
+        place, half, com = (
+            _by_placement(values[..., axis]) for values in (xy, towers.dims[..., :2] / 2, towers.com[..., :2])
+        )
+        low, high, centre = (
+            [x + sign * y for x, y in zip(place, ys)] for sign, ys in ((-1, half), (1, half), (1, com))
+        )
+        for i in range(k - 1):
+            patch_low, patch_high = np.maximum(low[i], low[i + 1]), np.minimum(high[i], high[i + 1])
+            total, moment = np.zeros_like(mass[0]), np.zeros_like(centre[0])
+            for top in range(i + 1, k):
+                total += mass[top]
+                moment += mass[top] * centre[top]
+                joint = moment / total
+                stands[top] &= (patch_low < joint) & (joint < patch_high)
+    return np.moveaxis(np.logical_and.accumulate(stands, axis=0), 0, -1)
+
+
+def _by_placement(values: np.ndarray) -> np.ndarray:
+    """[..., N, K] -> [K, ..., N]: arithmetic then runs along many towers, not along a few placements."""
+    return np.ascontiguousarray(np.moveaxis(values, -1, 0))
 
 
 def stands(towers: Towers) -> np.ndarray:

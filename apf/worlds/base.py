@@ -18,5 +18,9 @@ class World(ABC):
 
 def labels_from(stood: np.ndarray) -> np.ndarray:
     """Labels [N, K] of prefixes that stood [N, K] bool: everything after the first fall is unobserved."""
-    fallen_before = np.cumsum(~stood, axis=1) - ~stood
-    return np.where(fallen_before > 0, UNOBSERVED, stood).astype(np.int8)
+    labels = np.full(stood.shape, UNOBSERVED, np.int8)
+    standing = np.ones(len(stood), bool)
+    for prefix in range(stood.shape[1]):
+        labels[standing, prefix] = stood[standing, prefix]
+        standing &= stood[:, prefix]
+    return labels
