@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 import torch
 from torch import nn
@@ -17,6 +18,7 @@ from apf.towers import Towers, balanced_towers, features
 from apf.worlds import AnalyticWorld
 from benchmarks import reference as plain
 from benchmarks import reference_learning as plain_learning
+from benchmarks.__main__ import COLUMNS, main
 from benchmarks.learning import check_training, plain_members, plain_samples
 from benchmarks.limits import products_with_weights, replay
 from benchmarks.operations import check_towers, same_tower
@@ -141,3 +143,17 @@ def test_ratios_and_targets() -> None:
     assert not row.holds
     assert next(ticks) == 9
     assert str(Target(ratio=10, limit_share=0.5)) == ">= 10 x reference, >= 0.5 of the limit"
+
+
+@pytest.mark.slow
+def test_nothing_has_become_grossly_slower(tmp_path: Path) -> None:
+    """Through the command, in the quick sizes; ratios only, as times say more about the machine."""
+    names = ["towers", "labels-balanced", "rotations", "epoch-tgn", "epoch-lstm", "bald", "plan"]
+    main(["--quick", "--csv", str(tmp_path / "b.csv"), "--only", *names])
+    table = pd.read_csv(tmp_path / "b.csv")
+    assert list(table.columns) == COLUMNS
+    assert len(table) == len(names)
+    for row in table.itertuples():
+        wanted = float(str(row.target).split(" x reference")[0].removeprefix(">= "))
+        loosely = LOOSELY_FOR_A_PLAN if "plan" in row.operation else LOOSELY
+        assert row.reference_ratio > wanted / loosely, row.operation
