@@ -61,7 +61,8 @@ def fit(
         train_loss = _epoch(network, train_groups, training.batch, optimiser, generators)
         loss = validation_loss(network, members, validation_groups)
         if not torch.isfinite(loss).all():
-            raise FloatingPointError(f"the validation loss is {loss.tolist()} after epoch {epoch}")
+            worst = loss[~torch.isfinite(loss)][0].item()
+            raise FloatingPointError(f"a validation loss is {worst} after epoch {epoch}")
         history.train_loss.append(train_loss.tolist())
         history.validation_loss.append(loss.tolist())
         improved = loss < best_loss
