@@ -6,4 +6,4 @@ class InputError(Exception):
 
 
 class Stopped(Exception):
-    """A run cannot go on for now: its message says why, in one line. All that was labelled is kept; it can be resumed."""
+    """A run cannot go on for now: its message says why, in one line. Nothing labelled is lost; it can be resumed."""

@@ -86,8 +86,8 @@ def parse(text: bytes, path: Path) -> tuple[list[Record], int]:
     whole = next((n for n, record in enumerate(decoded) if record is None), len(decoded))
     if any(decoded[whole:]):
         raise InputError(
-            f"{path} is damaged: line {whole + 1} of {len(decoded)} is not what was written; put back a copy of the file, "
-            f"or keep the {whole} lines before it and no others: what they lack is then done again"
+            f"{path} is damaged: line {whole + 1} of {len(decoded)} is not what was written; put back a copy of the "
+            f"file, or keep the {whole} lines before it and no others: what they lack is then done again"
         )
     records = [record for record in decoded[:whole] if record is not None]
     return records, sum(len(line) + 1 for line in lines[:whole])

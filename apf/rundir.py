@@ -13,7 +13,6 @@ from typing import Any
 
 from hydra.core.hydra_config import HydraConfig
 from hydra.types import RunMode
-from omegaconf import DictConfig
 
 from apf.config import config_dir, config_hash, flatten, identity
 from apf.errors import InputError, Stopped
@@ -65,7 +64,9 @@ def check(directory: Path, config: dict[str, Any], domain: TowerDomain) -> bool:
         raise InputError(f"{directory} holds a run of another config; these keys differ: {', '.join(differing)}")
     domain.check_kept(directory)
     if not (directory / JOURNAL).exists():
-        raise InputError(f"{directory / JOURNAL} is missing, and with it all labels; put it back, or remove {directory}")
+        raise InputError(
+            f"{directory / JOURNAL} is missing, and all labels with it; put it back, or remove {directory}"
+        )
     return finished(directory)
 
 
@@ -132,7 +133,7 @@ def finished(directory: Path) -> bool:
 
 
 def hydra_arguments(hydra: Any) -> list[str]:
-    """What a command line must say besides the overrides of the job, to compose the same config: flags and overrides."""
+    """Flags and overrides that a command line needs besides the overrides of the job, to compose the same config."""
     arguments = []
     for source in hydra.runtime.config_sources:
         if source.provider == "command-line":

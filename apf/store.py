@@ -78,7 +78,9 @@ class Store:
                 self._apply(record)
             except (KeyError, IndexError, TypeError):
                 line = f"line {number} ({record.get('kind')})"
-                raise InputError(f"{self.journal.path} is damaged: {line} does not follow from those before it") from None
+                raise InputError(
+                    f"{self.journal.path} is damaged: {line} does not follow from those before it"
+                ) from None
 
     def close(self) -> None:
         """Release the journal."""

@@ -10,7 +10,6 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from hydra.core.hydra_config import HydraConfig
 from hydra.core.utils import JobReturn
@@ -120,7 +119,9 @@ class Sweep:
                     job, seconds, crash = future.result()
                     done += 1
                     reason = f": {job.reason}" if job.failed else ""
-                    self.console.print(f"[{done}/{total}] {job.directory.name} {job.state}, {seconds:.0f} s{reason}", markup=False)
+                    self.console.print(
+                        f"[{done}/{total}] {job.directory.name} {job.state}, {seconds:.0f} s{reason}", markup=False
+                    )
                     if crash:
                         self.console.print(crash, markup=False)
         finally:

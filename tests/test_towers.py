@@ -1,6 +1,6 @@
 import itertools
-
 import json
+
 import numpy as np
 import pytest
 from hypothesis import given

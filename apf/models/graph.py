@@ -4,9 +4,11 @@ A prediction for every prefix of a plan comes from one pass. The message between
 prefix that holds them, so each is computed once; a prefix then sums those whose blocks it holds.
 """
 
+import sys
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import permutations
+from pathlib import Path
 
 import torch
 from pydantic import PositiveInt, validate_call
@@ -114,6 +116,8 @@ class GraphNetwork(EnsembleNetwork):
         super().__init__()
         self.n_own = n_own = n_features - n_position
         self.messages = PrefixMessages(members, n_own, n_position, hidden)
+        generated = sys.modules[f"{__name__}_PrefixMessages_propagate"].__file__  # loaded by now, and never cleaned up
+        Path(str(generated)).unlink(missing_ok=True)
         self.update = EnsembleLinear(members, n_own, hidden, fan_in=n_own + hidden)
         self.readout = EnsembleLinear(members, hidden, hidden)
         self.logit = EnsembleLinear(members, hidden, 1)

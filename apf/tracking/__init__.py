@@ -4,4 +4,14 @@ from apf.tracking.base import Figures, NoTracker, Phase, RunInfo, Tracker, Track
 from apf.tracking.console import ConsoleTracker, log_end
 from apf.tracking.weights_and_biases import WandbTracker
 
-__all__ = ["ConsoleTracker", "Figures", "NoTracker", "Phase", "RunInfo", "Tracker", "Trackers", "WandbTracker", "log_end"]
+__all__ = [
+    "ConsoleTracker",
+    "Figures",
+    "NoTracker",
+    "Phase",
+    "RunInfo",
+    "Tracker",
+    "Trackers",
+    "WandbTracker",
+    "log_end",
+]
