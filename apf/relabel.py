@@ -6,7 +6,6 @@ from pathlib import Path
 import hydra
 import numpy as np
 from hydra import compose, initialize_config_dir
-from hydra.core.global_hydra import GlobalHydra
 from omegaconf import DictConfig
 from pydantic import NonNegativeInt
 
@@ -60,7 +59,6 @@ def job(cfg: DictConfig) -> None:
 
 def domain_of(run: Path) -> TowerDomain:
     """The domain that a run directory's config describes."""
-    GlobalHydra.instance().clear()
     with initialize_config_dir(str(run.absolute()), version_base="1.3"):
         return build(compose(Path(CONFIG).stem), dict)["domain"]
 

@@ -18,8 +18,8 @@ TIMEOUT = 30
 class WandbTracker(Tracker):
     """One W&B run per job. `offline` needs no account and no network: `wandb sync` sends it later.
 
-    A run that goes on is told its whole history again, each phase of a step under a number of its own: W&B keeps what it
-    has not, so that one run holds it all. Offline, the files of earlier starts then hold nothing more, and are removed.
+    A run that goes on is told its whole history again, each phase of a step under a number of its own: W&B takes what
+    it has not, so that one run holds it all. Offline, files of earlier starts then hold nothing more, and are removed.
     """
 
     project: str

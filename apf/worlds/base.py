@@ -32,9 +32,7 @@ def carry_out(world: World, plan: Any, rng: np.random.Generator, limit: float | 
         reason = next(iter(str(error).splitlines()), "")
         raise Stopped(f"world: {what} failed: {type(error).__name__}: {reason}") from error
     if labels.shape != (1, plan.length) or not are_labels(labels[0]):
-        raise Stopped(
-            f"world: {what} was answered by {labels.tolist()}; labels [1, {plan.length}] are 1 ..., 0, -1 ..."
-        )
+        raise Stopped(f"world: {what} got {labels.tolist()}; labels [1, {plan.length}] are 1, ..., 0, -1, ...")
     return labels[0]
 
 
