@@ -5,13 +5,13 @@ from pathlib import Path
 
 import hydra
 import numpy as np
-from hydra import compose, initialize_config_dir
-from omegaconf import DictConfig
+from omegaconf import DictConfig, OmegaConf
 from pydantic import NonNegativeInt
 
 from apf.cli import one_line_errors, run_command
 from apf.config import build, config_dir
 from apf.errors import InputError
+from apf.files import read_yaml
 from apf.rundir import CONFIG, JOURNAL, locked, reopen
 from apf.settings import settings
 from apf.store import VALUE, Store
@@ -59,8 +59,7 @@ def job(cfg: DictConfig) -> None:
 
 def domain_of(run: Path) -> TowerDomain:
     """The domain that a run directory's config describes."""
-    with initialize_config_dir(str(run.absolute()), version_base="1.3"):
-        return build(compose(Path(CONFIG).stem), dict)["domain"]
+    return build(OmegaConf.create({"domain": read_yaml(run / CONFIG)["domain"]}), dict)["domain"]
 
 
 def checked(labels: str, length: int) -> str:

@@ -193,7 +193,7 @@ def run_here(cfg: DictConfig) -> str:
 
 @contextlib.contextmanager
 def started(arguments: list[str], threads: int) -> Iterator[subprocess.Popen]:
-    """`python -m apf.main ARGUMENTS` in a session of its own, that no Ctrl-C reaches; it ends when this process does."""
+    """`python -m apf.main ARGUMENTS` in a session of its own, which Ctrl-C does not reach; it ends with this process."""
     environment = {**os.environ, "OMP_NUM_THREADS": str(threads), FOLLOWER: "1"}
     environment.pop("HYDRA_FULL_ERROR", None)
     read, write = os.pipe()  # the process sees its end close when this one ends
