@@ -66,7 +66,7 @@ class Sweep:
             if missing and self.engine is None:
                 self.run_locally(missing, len(jobs))
             elif missing and self.engine is not None:
-                self.run_elsewhere(self.engine, missing, first)
+                self.run_elsewhere(self.engine, missing, len(jobs), first)
         finally:
             self.summarise(list(jobs.values()))
         failed = sum(job.failed for job in jobs.values())
@@ -131,9 +131,9 @@ class Sweep:
 
     # -- elsewhere ----------------------------------------------------------------------------------------------
 
-    def run_elsewhere(self, engine: Launcher, jobs: list[Job], first: int) -> None:
+    def run_elsewhere(self, engine: Launcher, jobs: list[Job], total: int, first: int) -> None:
         """Hand the jobs to another launcher; each run's directory then tells what came of it."""
-        self.console.print(f"{len(jobs)} runs go to {type(engine).__name__}")
+        self.console.print(f"{total} runs, {len(jobs)} to do: by {type(engine).__name__}")
         overrides = [[*job.overrides, f"hydra.sweep.subdir={quoted(Path(job.directory.name))}"] for job in jobs]
         trouble = ""
         try:
@@ -187,13 +187,14 @@ def run_here(cfg: DictConfig) -> str:
         finally:
             stop([process])
     reason, crash = explain(process.returncode, said)
-    print(crash or reason, file=sys.stderr)
+    if reason:
+        print(crash or reason, file=sys.stderr)
     return reason
 
 
 @contextlib.contextmanager
 def started(arguments: list[str], threads: int) -> Iterator[subprocess.Popen]:
-    """`python -m apf.main ARGUMENTS` in a session of its own, which Ctrl-C does not reach; it ends with this process."""
+    """`python -m apf.main ARGUMENTS` in a session of its own, out of reach of Ctrl-C; it ends with this process."""
     environment = {**os.environ, "OMP_NUM_THREADS": str(threads), FOLLOWER: "1"}
     environment.pop("HYDRA_FULL_ERROR", None)
     read, write = os.pipe()  # the process sees its end close when this one ends

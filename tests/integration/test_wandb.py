@@ -35,13 +35,16 @@ class FakeRun:
         self.settings = settings
         self.metrics: list[tuple[str, str | None]] = []
         self.logged: list[dict[str, float]] = []
+        self.numbers: list[int] = []
         self.finished: list[int] = []
 
     def define_metric(self, name: str, step_metric: str | None = None) -> None:
         self.metrics.append((name, step_metric))
 
-    def log(self, figures: dict[str, float]) -> None:
+    def log(self, figures: dict[str, float], step: int) -> None:
         assert not self.finished, "logged after the end"
+        assert step not in self.numbers, "two rows under one number"
+        self.numbers.append(step)
         self.logged.append(figures)
 
     def finish(self, exit_code: int) -> None:
@@ -100,7 +103,7 @@ def test_offline_without_any_network(tmp_path: Path, listener: tuple[str, list[A
 @pytest.mark.slow
 @pytest.mark.usefixtures("no_figures")
 def test_jobs_of_a_sweep_are_runs_of_their_own(here: Path) -> None:
-    call("-m", *TINY, "tracker=wandb", "seed=0,1", "sweep=mine").must_work()
+    call("-m", *TINY, "hydra/launcher=basic", "tracker=wandb", "seed=0,1", "sweep=mine").must_work()
     runs = [path for path in (here / "runs" / "mine").iterdir() if path.is_dir()]
     assert len(runs) == 2
     records = [record.name for run in runs for record in run.glob("wandb/offline-run-*/run-*.wandb")]
@@ -145,7 +148,7 @@ def test_what_is_told(here: Path, fakes: list[FakeRun]) -> None:
 
 @pytest.mark.usefixtures("no_figures")
 def test_jobs_of_a_sweep_are_grouped(here: Path, fakes: list[FakeRun]) -> None:
-    call("-m", *TINY, "tracker=wandb", "seed=0,1", "sweep=mine").must_work()
+    call("-m", *TINY, "hydra/launcher=basic", "tracker=wandb", "seed=0,1", "sweep=mine").must_work()
     assert [run.settings["group"] for run in fakes] == ["mine", "mine"]
     assert [run.settings["config"]["seed"] for run in fakes] == [0, 1]
     names = {path.name for path in (here / "runs" / "mine").iterdir() if path.is_dir()}
