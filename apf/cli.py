@@ -9,12 +9,13 @@ from pathlib import Path
 from typing import Any
 
 from hydra.core.hydra_config import HydraConfig
-from hydra.errors import HydraException
+from hydra.errors import HydraException, MissingConfigException
 from hydra.experimental.callback import Callback
 from hydra.types import RunMode
 from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
+from apf.config import config_dir
 from apf.errors import InputError, Stopped
 from apf.interrupts import Interrupted, end_with_parent, watch_signals
 
@@ -117,6 +118,9 @@ def one_line(error: BaseException) -> str:
     if isinstance(error, OSError) and error.strerror:
         return f"{error.filename}: {error.strerror}"
     message = str(error).partition("\nConfig search path:")[0]
+    if isinstance(error, MissingConfigException) and error.missing_cfg_file and not error.options:
+        folder = Path(config_dir(), error.missing_cfg_file).parent  # of a list of choices, Hydra names no options
+        message += f"; here are: {', '.join(sorted(path.stem for path in folder.glob('*.yaml')))}"
     lines = [line.strip() for line in message.splitlines()]
     kept = [line for line in lines if line and not line.startswith(("full_key:", "object_type=", "To append to"))]
     folded = " ".join(kept)

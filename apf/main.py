@@ -28,10 +28,9 @@ from apf.tracking import ConsoleTracker, RunInfo, Tracker, Trackers, log_end
 def job(cfg: DictConfig) -> None:
     """One run, in Hydra's output directory. A finished run of the same config returns at once."""
     directory = Path(HydraConfig.get().runtime.output_dir)
-    plain_config = plain(cfg)
     with NewFolders.removed_on(*MISTAKES):
         check_hydra(HydraConfig.get())
-        config = validate(cfg)
+        plain_config, config = plain(cfg), validate(cfg)
         torch.set_num_threads(config.threads)
         model = make_model(cfg, config)
         if check(directory, plain_config, config.domain):
