@@ -4,7 +4,7 @@ import contextlib
 import functools
 import os
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +40,7 @@ def one_line_errors(job: Callable[[DictConfig], None]) -> Callable[[DictConfig],
         try:
             job(cfg)
         except ONE_LINE as error:
+            NewFolders.remove()
             if _show_traceback or HydraConfig.get().mode == RunMode.MULTIRUN:
                 raise
             sys.exit(f"error: {one_line(error)}")  # Hydra lets SystemExit through, and adds no lines of its own
@@ -67,6 +68,7 @@ def run_command(
         print(str(error) or "interrupted", file=sys.stderr)
         sys.exit(128 + (error.number if isinstance(error, Interrupted) else 2))
     except Exception as error:
+        NewFolders.remove()
         if _show_traceback or (_in_job and not isinstance(error, ONE_LINE)):
             raise
         given = "" if isinstance(error, (*ONE_LINE, OSError)) else f" (given: {' '.join(sys.argv[1:])})"
@@ -97,20 +99,12 @@ class NewFolders(Callback):
 
     @staticmethod
     def remove() -> None:
-        """Remove the new folders that are empty."""
+        """Remove the new folders that hold nothing but Hydra's note of a sweep."""
         for folder in NewFolders.missing:
             with contextlib.suppress(OSError):
+                if [path.name for path in folder.iterdir()] == ["multirun.yaml"]:
+                    (folder / "multirun.yaml").unlink()
                 folder.rmdir()
-
-    @staticmethod
-    @contextlib.contextmanager
-    def removed_on(*errors: type[Exception]) -> Iterator[None]:
-        """Remove the new folders that are empty, on an error."""
-        try:
-            yield
-        except errors:
-            NewFolders.remove()
-            raise
 
 
 def one_line(error: BaseException) -> str:
@@ -119,6 +113,8 @@ def one_line(error: BaseException) -> str:
         return f"{error.filename}: {error.strerror}"
     message = str(error).partition("\nConfig search path:")[0]
     if isinstance(error, MissingConfigException) and error.missing_cfg_file and not error.options:
+        if "submitit" in error.missing_cfg_file:
+            return "hydra/launcher: Hydra's submitit launcher is not installed; pip install 'apf[slurm]'"
         folder = Path(config_dir(), error.missing_cfg_file).parent  # of a list of choices, Hydra names no options
         message += f"; here are: {', '.join(sorted(path.stem for path in folder.glob('*.yaml')))}"
     lines = [line.strip() for line in message.splitlines()]

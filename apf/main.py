@@ -10,7 +10,7 @@ import torch
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
-from apf.cli import MISTAKES, NewFolders, one_line_errors, run_command
+from apf.cli import one_line_errors, run_command
 from apf.config import Config, Learned, check_hydra, config_dir, describe, plain, validate
 from apf.errors import InputError
 from apf.experiment import Experiment
@@ -28,21 +28,20 @@ from apf.tracking import ConsoleTracker, RunInfo, Tracker, Trackers, log_end
 def job(cfg: DictConfig) -> None:
     """One run, in Hydra's output directory. A finished run of the same config returns at once."""
     directory = Path(HydraConfig.get().runtime.output_dir)
-    with NewFolders.removed_on(*MISTAKES):
-        check_hydra(HydraConfig.get())
-        plain_config, config = plain(cfg), validate(cfg)
-        torch.set_num_threads(config.threads)
-        model = make_model(cfg, config)
-        if check(directory, plain_config, config.domain):
-            print(f"{directory} holds this run already, finished", file=sys.stderr)
-            return
-        with locked(directory):
-            try:
-                begin(directory, plain_config, config.domain)
-                run(directory, plain_config, config, model)
-            except InputError:
-                abandon(directory)
-                raise
+    check_hydra(HydraConfig.get())
+    plain_config, config = plain(cfg), validate(cfg)
+    torch.set_num_threads(config.threads)
+    model = make_model(cfg, config)
+    if check(directory, plain_config, config.domain):
+        print(f"{directory} holds this run already, finished", file=sys.stderr)
+        return
+    with locked(directory):
+        try:
+            begin(directory, plain_config, config.domain)
+            run(directory, plain_config, config, model)
+        except InputError:
+            abandon(directory)
+            raise
 
 
 def run(directory: Path, plain_config: dict[str, Any], config: Config, model: Ensemble) -> None:

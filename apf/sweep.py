@@ -18,7 +18,7 @@ from hydra.types import HydraContext
 from omegaconf import DictConfig, OmegaConf, open_dict
 from rich.console import Console
 
-from apf.cli import FOLLOWER, MISTAKES, NewFolders, one_line
+from apf.cli import FOLLOWER, MISTAKES, one_line
 from apf.config import check_hydra, plain, validate
 from apf.errors import InputError, Stopped
 from apf.rundir import check, finished, hydra_arguments, quoted
@@ -150,15 +150,12 @@ class Sweep:
     # -- the end ------------------------------------------------------------------------------------------------
 
     def summarise(self, jobs: list[Job]) -> None:
-        """A line for each run; a sweep of which nothing began leaves nothing behind."""
+        """A line for each run."""
         self.console.print()
         for job in jobs:
             state = job.state or "not finished"
             reason = f": {job.reason}" if job.reason else ""
             self.console.print(f"{state:<17} {job.directory.name}{reason}", markup=False)
-        if not any(job.directory.exists() for job in jobs) and self.directory in NewFolders.missing:
-            (self.directory / "multirun.yaml").unlink(missing_ok=True)
-            NewFolders.remove()
 
 
 def run_process(job: Job, processes: dict[Path, subprocess.Popen]) -> tuple[Job, float, str]:
