@@ -190,4 +190,5 @@ def resumable(directory: Path) -> Iterator[None]:
     except (InputError, Stopped) as error:
         raise Stopped(f"{error}; {how}") from error
     except OSError as error:
-        raise Stopped(f"{error.filename or directory}: {error.strerror or error}; {how}") from error
+        reason = f"{error.filename or directory}: cannot be written: {error.strerror}" if error.strerror else error
+        raise Stopped(f"{reason}; {how}") from error

@@ -116,8 +116,8 @@ class GraphNetwork(EnsembleNetwork):
         super().__init__()
         self.n_own = n_own = n_features - n_position
         self.messages = PrefixMessages(members, n_own, n_position, hidden)
-        generated = sys.modules[f"{__name__}_PrefixMessages_propagate"].__file__  # loaded by now, and never cleaned up
-        Path(str(generated)).unlink(missing_ok=True)
+        if generated := sys.modules.get(f"{__name__}_PrefixMessages_propagate"):  # from a file that nobody cleans up
+            Path(str(generated.__file__)).unlink(missing_ok=True)
         self.update = EnsembleLinear(members, n_own, hidden, fan_in=n_own + hidden)
         self.readout = EnsembleLinear(members, hidden, hidden)
         self.logit = EnsembleLinear(members, hidden, 1)
