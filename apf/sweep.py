@@ -21,10 +21,12 @@ from rich.console import Console
 from apf.cli import FOLLOWER, MISTAKES, one_line
 from apf.config import check_hydra, plain, validate
 from apf.errors import InputError, Stopped
+from apf.interrupts import Interrupted
 from apf.rundir import check, finished, hydra_arguments, quoted
 
 PATIENCE = 20.0
 """Seconds that a run has to end after SIGTERM."""
+AGAIN = "the same command again does what is missing"
 
 
 @dataclass
@@ -67,11 +69,13 @@ class Sweep:
                 self.run_locally(missing, len(jobs))
             elif missing and self.engine is not None:
                 self.run_elsewhere(self.engine, missing, len(jobs), first)
+        except KeyboardInterrupt as error:
+            raise Interrupted(getattr(error, "number", 2), f"interrupted; {AGAIN}") from None
         finally:
             self.summarise(list(jobs.values()))
         failed = sum(job.failed for job in jobs.values())
         if failed:
-            raise Stopped(f"{failed} of {len(jobs)} runs did not finish; the same command again does what is missing")
+            raise Stopped(f"{failed} of {len(jobs)} runs did not finish; {AGAIN}")
         return []
 
     def prepare(self, overrides: list[str], number: int) -> Job:
@@ -233,12 +237,16 @@ def explain(code: int, said: str) -> tuple[str, str]:
     if code == 0:
         return "", ""
     crash = next((n for n, line in enumerate(lines) if line.startswith(("Traceback", "Fatal Python error"))), None)
-    trace = "" if crash is None else "\n".join(lines[crash:])
+    trace = (
+        "" if crash is None else "\n".join(line for line in lines[crash:] if not line.startswith("Extension modules"))
+    )
     if code < 0:
         return f"killed by {signal.Signals(-code).name}", trace
     if last.startswith("error: "):
         return last.removeprefix("error: "), ""
-    return f"exit code {code}" + (f": {last}" if last else ""), trace
+    if last.startswith("interrupted"):
+        return "interrupted", ""
+    return f"exit code {code}" + (f": {last}" if trace else ""), trace
 
 
 def cores() -> int:
