@@ -55,10 +55,10 @@ def run(directory: Path, plain_config: dict[str, Any], config: Config, model: En
     info = RunInfo(state["name"], identifier, directory, plain_config, state["sweep"], experiment.history())
     failed = True
     try:
-        if store.journal.torn:
-            print("the last record of the journal was torn: what it held is done again", file=sys.stderr)
-        tracker.start(info)
         with resumable(directory):
+            if store.journal.torn:
+                print("the last record of the journal was torn: what it held is done again", file=sys.stderr)
+            tracker.start(info)
             if isinstance(config.predictor, Learned):
                 experiment.run()
             elif not store.evaluated(0):

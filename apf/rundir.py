@@ -101,12 +101,17 @@ def begin(directory: Path, config: dict[str, Any], domain: TowerDomain) -> None:
 
 def abandon(directory: Path) -> None:
     """Take back what `begin` made for a run that never came to its first record."""
-    if not (directory / JOURNAL).exists() or (directory / JOURNAL).stat().st_size:
+    if not is_new(directory):
         return
     for path in (CONFIG, STATE, JOURNAL, LOCK, "run.log", "training_blocks.csv", "evaluation_blocks.csv"):
         (directory / path).unlink(missing_ok=True)
     with contextlib.suppress(OSError):
         (directory / "weights").rmdir()
+
+
+def is_new(directory: Path) -> bool:
+    """Has nothing been recorded yet?"""
+    return (directory / JOURNAL).exists() and (directory / JOURNAL).stat().st_size == 0
 
 
 def finish(directory: Path, seconds: float) -> None:
@@ -127,9 +132,8 @@ def finished(directory: Path) -> bool:
     if not (directory / STATE).exists():
         return False
     state = read_yaml(directory / STATE)
-    return bool(state["finished"]) and all(
-        checksum(directory / name) == expected for name, expected in state["files"].items()
-    )
+    files = state.get("files", {})
+    return bool(state.get("finished")) and all(checksum(directory / name) == files[name] for name in files)
 
 
 def hydra_arguments(hydra: Any) -> list[str]:
@@ -180,7 +184,7 @@ def quoted(path: Path) -> str:
 
 @contextlib.contextmanager
 def resumable(directory: Path) -> Iterator[None]:
-    """What ends the run says how to go on with it."""
+    """What ends the run says how to go on with it; a mistake before its first record passes as it is."""
     how = f"go on with: python -m apf.main resume={shlex.quote(str(directory))}"
     try:
         yield
@@ -188,6 +192,8 @@ def resumable(directory: Path) -> Iterator[None]:
         number = error.number if isinstance(error, Interrupted) else 2
         raise Interrupted(number, f"interrupted; {how}") from None
     except (InputError, Stopped) as error:
+        if isinstance(error, InputError) and is_new(directory):
+            raise
         raise Stopped(f"{error}; {how}") from error
     except OSError as error:
         reason = f"{error.filename or directory}: cannot be written: {error.strerror}" if error.strerror else error

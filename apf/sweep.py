@@ -56,6 +56,8 @@ class Sweep:
         self.context, self.config, self.jobs, self.engine = context, config, jobs, engine
         self.directory = Path(config.hydra.sweep.dir).absolute()
         self.console = Console(stderr=True, highlight=False, soft_wrap=True)
+        self.processes: list[subprocess.Popen] = []
+        self.over = False
 
     def run(self, job_overrides: Sequence[Sequence[str]], first: int) -> list[JobReturn]:
         """Do what is missing, and tell what came of it. Raises Stopped if a run did not finish."""
@@ -113,13 +115,12 @@ class Sweep:
         at_once = min(at_once, len(jobs))
         threading = f"{at_once} at once, {threads} thread{'s' * (threads > 1)} each"
         self.console.print(f"{total} runs, {len(jobs)} to do: {threading}")
-        processes: dict[Path, subprocess.Popen] = {}
         done = total - len(jobs)
         pool = ThreadPoolExecutor(at_once)
         try:
             status = self.console.status("running") if self.console.is_terminal else contextlib.nullcontext()
             with status:
-                for future in as_completed([pool.submit(run_process, job, processes) for job in jobs]):
+                for future in as_completed([pool.submit(self.run_process, job) for job in jobs]):
                     job, seconds, crash = future.result()
                     done += 1
                     reason = f": {job.reason}" if job.failed else ""
@@ -129,9 +130,22 @@ class Sweep:
                     if crash:
                         self.console.print(crash, markup=False)
         finally:
+            self.over = True
             pool.shutdown(wait=False, cancel_futures=True)
-            stop(list(processes.values()))
+            stop(list(self.processes))
             pool.shutdown()
+
+    def run_process(self, job: Job) -> tuple[Job, float, str]:
+        """Run a job in a process of its own. Returns it with its state, how long it took, and what a crash printed."""
+        begun = time.monotonic()
+        with started(job.command, job.threads) as process:
+            self.processes.append(process)
+            if self.over:  # it began while the others were told to end
+                stop([process])
+            _, said = process.communicate()
+        job.reason, crash = explain(process.returncode, said)
+        job.state = "failed" if job.reason else "finished"
+        return job, time.monotonic() - begun, crash
 
     # -- elsewhere ----------------------------------------------------------------------------------------------
 
@@ -160,17 +174,6 @@ class Sweep:
             state = job.state or "not finished"
             reason = f": {job.reason}" if job.reason else ""
             self.console.print(f"{state:<17} {job.directory.name}{reason}", markup=False)
-
-
-def run_process(job: Job, processes: dict[Path, subprocess.Popen]) -> tuple[Job, float, str]:
-    """Run a job in a process of its own. Returns it with its state, how long it took, and what a crash printed."""
-    begun = time.monotonic()
-    with started(job.command, job.threads) as process:
-        processes[job.directory] = process
-        _, said = process.communicate()
-    job.reason, crash = explain(process.returncode, said)
-    job.state = "failed" if job.reason else "finished"
-    return job, time.monotonic() - begun, crash
 
 
 def run_here(cfg: DictConfig) -> str:

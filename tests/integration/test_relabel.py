@@ -1,4 +1,4 @@
-"""Correcting a label: both are kept, what was learned from the old one is learned again, what was chosen by it is marked."""
+"""Correcting a label: both are kept, what was learned is learned again, what was chosen meanwhile is marked."""
 
 import json
 from pathlib import Path

@@ -83,6 +83,7 @@ def test_run_says_how_it_came_to_be(smoke: tuple[Path, Result]) -> None:
     assert 0 < state["seconds"] < 300
     assert state["choices"]["sampler"] == "sequential"
     assert state["choices"]["experiment"] == "smoke"
+    assert state["choices"]["task"] == TASKS
     assert state["overrides"] == list(SMOKE)
     assert state["versions"]["torch"] == torch.__version__
 
