@@ -63,9 +63,9 @@ def time_limit(seconds: float | None) -> Iterator[None]:
         raise TimeLimitError
 
     before = signal.signal(signal.SIGALRM, expire)
-    signal.setitimer(signal.ITIMER_REAL, seconds)
-    faulthandler.dump_traceback_later(seconds + GRACE, exit=True)
     try:
+        signal.setitimer(signal.ITIMER_REAL, seconds)
+        faulthandler.dump_traceback_later(seconds + GRACE, exit=True, file=2)
         yield
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0)

@@ -29,6 +29,7 @@ from rich.table import Table
 import apf.main
 from apf.acquisition import Scored
 from apf.errors import InputError
+from apf.journal import parse
 from apf.store import Store
 from apf.towers import BlockSource, TowerDomain
 from apf.worlds import NoisyWorld
@@ -168,7 +169,7 @@ class Suite:
         lines = (run / "journal.jsonl").read_bytes().splitlines(keepends=True)
         last = max(n for n, line in enumerate(lines) if b'"label"' in line[:20])
         base, record = b"".join(lines[:last]), lines[last]
-        known = [json.loads(line) for line in lines[:last]]
+        known = parse(base, run)[0]
         cases = [("torn", record[:n]) for n in range(len(record))]
         for n, byte in enumerate(record):
             cases += [("garbled", record[:n] + bytes([byte ^ flip]) + record[n + 1 :]) for flip in (1, 255)]
