@@ -1,5 +1,6 @@
 """Runs as forked processes, which import nothing again, and tell their phases: for injecting faults."""
 
+import faulthandler
 import os
 import select
 import signal
@@ -103,6 +104,7 @@ class Run:
 def _child(arguments: Sequence[str], cwd: Path, plant: Callable[[], None], pipe: int, errors: int) -> None:
     code = 1
     try:
+        faulthandler.disable()  # a test runner's
         os.chdir(cwd)
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
         os.dup2(errors, 2)
