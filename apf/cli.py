@@ -1,23 +1,37 @@
 """What every command shares: Hydra around it, and one line instead of a traceback for a user's mistake."""
 
+import contextlib
 import functools
 import os
 import sys
 from collections.abc import Callable
+from pathlib import Path
+from typing import Any
 
-from hydra.errors import HydraException
+from hydra.core.hydra_config import HydraConfig
+from hydra.errors import HydraException, MissingConfigException
+from hydra.experimental.callback import Callback
+from hydra.types import RunMode
 from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
-from apf.errors import InputError
+from apf.config import config_dir
+from apf.errors import InputError, Stopped
+from apf.interrupts import Interrupted, end_with_parent, watch_signals
 
 MISTAKES = (InputError, HydraException, OmegaConfBaseException)
+ONE_LINE = (*MISTAKES, Stopped)
+FOLLOWER = "APF_ENDS_WITH_PARENT"
+"""Environment variable of a process that ends when its standard input closes."""
 _show_traceback = os.environ.get("HYDRA_FULL_ERROR") == "1"
 _in_job = False
 
 
 def one_line_errors(job: Callable[[DictConfig], None]) -> Callable[[DictConfig], None]:
-    """Decorates a Hydra job: a user's mistake in it ends the process with one line and exit code 1."""
+    """Decorates a Hydra job: a user's mistake in it ends the process with one line and exit code 1.
+
+    In a sweep that shares this process it does not end the others: Hydra goes on, and names it when it has done all.
+    """
 
     @functools.wraps(job)
     def wrapped(cfg: DictConfig) -> None:
@@ -25,31 +39,72 @@ def one_line_errors(job: Callable[[DictConfig], None]) -> Callable[[DictConfig],
         _in_job = True
         try:
             job(cfg)
-        except MISTAKES as error:
-            if _show_traceback:
+        except ONE_LINE as error:
+            NewFolders.remove()
+            if _show_traceback or HydraConfig.get().mode == RunMode.MULTIRUN:
                 raise
             sys.exit(f"error: {one_line(error)}")  # Hydra lets SystemExit through, and adds no lines of its own
 
     return wrapped
 
 
-def run_command(command: Callable[[], object]) -> None:
+def run_command(
+    command: Callable[[], object], rewrite: Callable[[list[str]], list[str]] = lambda arguments: arguments
+) -> None:
     """Run a Hydra command; whatever keeps it from starting its job also ends in one line and exit code 1.
 
-    Set HYDRA_FULL_ERROR=1 to see tracebacks.
+    rewrite: what becomes of the arguments before Hydra sees them. Set HYDRA_FULL_ERROR=1 to see tracebacks.
     """
     global _in_job
     _in_job = False
     os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra then hands its exceptions on
     try:
+        watch_signals()
+        if FOLLOWER in os.environ:
+            end_with_parent()
+        sys.argv[1:] = rewrite(sys.argv[1:])
         command()
-    except KeyboardInterrupt:
-        sys.exit("interrupted")
+    except KeyboardInterrupt as error:
+        print(str(error) or "interrupted", file=sys.stderr)
+        sys.exit(128 + (error.number if isinstance(error, Interrupted) else 2))
     except Exception as error:
-        if _show_traceback or (_in_job and not isinstance(error, MISTAKES)):
+        NewFolders.remove()
+        if _show_traceback or (_in_job and not isinstance(error, ONE_LINE)):
             raise
-        given = "" if isinstance(error, (*MISTAKES, OSError)) else f" (given: {' '.join(sys.argv[1:])})"
+        given = "" if isinstance(error, (*ONE_LINE, OSError)) else f" (given: {' '.join(sys.argv[1:])})"
         sys.exit(f"error: {one_line(error)}{given}")
+
+
+class NewFolders(Callback):
+    """Notes which folders Hydra makes for a run or a sweep, to take them back if it never begins."""
+
+    missing: tuple[Path, ...] = ()
+    """Innermost first."""
+
+    def on_run_start(self, config: DictConfig, **kwargs: Any) -> None:
+        """Called before the run directory is made."""
+        self.note(config.hydra.run)
+
+    def on_multirun_start(self, config: DictConfig, **kwargs: Any) -> None:
+        """Called before the sweep directory is made."""
+        self.note(config.hydra.sweep)
+
+    @staticmethod
+    def note(where: DictConfig) -> None:
+        """What is missing of the path `where.dir` is not the user's."""
+        NewFolders.missing = ()
+        with contextlib.suppress(OmegaConfBaseException):  # a config that is wrong is told to the user later
+            directory = Path(where.dir).absolute()
+            NewFolders.missing = tuple(folder for folder in (directory, *directory.parents) if not folder.exists())
+
+    @staticmethod
+    def remove() -> None:
+        """Remove the new folders that hold nothing but Hydra's note of a sweep."""
+        for folder in NewFolders.missing:
+            with contextlib.suppress(OSError):
+                if [path.name for path in folder.iterdir()] == ["multirun.yaml"]:
+                    (folder / "multirun.yaml").unlink()
+                folder.rmdir()
 
 
 def one_line(error: BaseException) -> str:
@@ -57,6 +112,11 @@ def one_line(error: BaseException) -> str:
     if isinstance(error, OSError) and error.strerror:
         return f"{error.filename}: {error.strerror}"
     message = str(error).partition("\nConfig search path:")[0]
+    if isinstance(error, MissingConfigException) and error.missing_cfg_file and not error.options:
+        if "submitit" in error.missing_cfg_file:
+            return "hydra/launcher: Hydra's submitit launcher is not installed; pip install 'apf[slurm]'"
+        folder = Path(config_dir(), error.missing_cfg_file).parent  # of a list of choices, Hydra names no options
+        message += f"; here are: {', '.join(sorted(path.stem for path in folder.glob('*.yaml')))}"
     lines = [line.strip() for line in message.splitlines()]
     kept = [line for line in lines if line and not line.startswith(("full_key:", "object_type=", "To append to"))]
     folded = " ".join(kept)

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pydantic
+from hydra.conf import HydraConf
 from hydra.core.hydra_config import HydraConfig
 from hydra.errors import InstantiationException
 from hydra.utils import instantiate
@@ -16,7 +17,7 @@ from pydantic import NonNegativeInt, PositiveInt
 
 from apf.acquisition import Sampler
 from apf.errors import InputError
-from apf.experiment import Acquisition, Initial
+from apf.experiment import Acquisition, Execution, Initial
 from apf.models import EnsembleSettings, Training
 from apf.planning import EvaluationSettings, MonteCarloPlanner
 from apf.predictor import Predictor
@@ -26,7 +27,7 @@ from apf.towers import TowerDomain
 from apf.tracking import Tracker
 from apf.worlds import World
 
-NO_EFFECT = ("tracker", "device", "threads", "sweep")
+NO_EFFECT = ("tracker", "device", "threads", "sweep", "execution")
 """Keys that may differ between two runs that are the same run."""
 
 
@@ -50,6 +51,7 @@ class Config:
     towers: PositiveInt
     initial: Initial
     acquisition: Acquisition
+    execution: Execution
     training: Training
     evaluation: EvaluationSettings
     domain: TowerDomain
@@ -126,6 +128,23 @@ def describe(error: pydantic.ValidationError, key: str, cfg: DictConfig) -> str:
     return f"{where} is {first['input']!r}; {reason}"
 
 
+def check_hydra(hydra: Any, schema: Any = None, prefix: str = "hydra.") -> None:
+    """Raises InputError for a key of Hydra's own part of the config that Hydra does not know: `+` adds any."""
+    schema = OmegaConf.structured(HydraConf) if schema is None else schema
+    known = [str(key) for key in schema]
+    for key in hydra:
+        if prefix + str(key) == "hydra.env":  # Hydra's own, though its schema does not tell
+            continue
+        if key not in known:
+            close = difflib.get_close_matches(str(key), known, n=1)
+            hint = f"did you mean {close[0]}?" if close else f"known here: {', '.join(known)}"
+            raise InputError(f"{prefix}{key}: there is no such key; {hint}")
+        if OmegaConf.is_missing(schema, key) or OmegaConf.is_missing(hydra, key):
+            continue
+        if isinstance(schema._get_node(key), DictConfig) and OmegaConf.get_type(schema, key) is not dict:
+            check_hydra(hydra[key], schema[key], f"{prefix}{key}.")
+
+
 def plain(cfg: DictConfig) -> dict[str, Any]:
     """The resolved config without Hydra's own part, as plain containers."""
     job = OmegaConf.masked_copy(cfg, [str(key) for key in cfg if key != "hydra"])
@@ -156,7 +175,7 @@ def flatten(config: dict[str, Any], prefix: str = "") -> dict[str, Any]:
 
 def run_name(_root_: DictConfig) -> str:
     """Names a run by what it is: sampler-model-world-seed-hash. Resolver `run_name` of the configs."""
-    choices = HydraConfig.get().runtime.choices if HydraConfig.initialized() else _root_.hydra.runtime.choices
+    choices = _root_.hydra.runtime.choices if "hydra" in _root_ else HydraConfig.get().runtime.choices
     config = plain(_root_)
     parts = [choices[group] for group in ("sampler", "model", "world")]
     if choices["predictor"] != "learned":

@@ -4,17 +4,18 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from pydantic import NonNegativeInt, PositiveInt
+from pydantic import NonNegativeInt, PositiveFloat, PositiveInt
 
 from apf.acquisition import Sampler
+from apf.errors import Stopped
 from apf.models import Ensemble
 from apf.planning import Evaluator
 from apf.predictor import Predictor
 from apf.rng import stream
 from apf.settings import settings
 from apf.store import Store
-from apf.tracking import Tracker
-from apf.worlds import World
+from apf.tracking import Figures, Phase, Tracker
+from apf.worlds import World, carry_out
 
 TRAIN, VALIDATION = "train", "validation"
 
@@ -37,6 +38,14 @@ class Acquisition:
     """How many of them go to the validation set, drawn at random."""
 
 
+@settings
+class Execution:
+    """How plans are carried out."""
+
+    time_limit: PositiveFloat | None
+    """Seconds that one plan may take in a world; None: as long as it likes."""
+
+
 @dataclass(frozen=True)
 class Experiment:
     """One run: the parts that the config composed, and the loop that joins them.
@@ -49,6 +58,7 @@ class Experiment:
     every: int
     initial: Initial
     acquisition: Acquisition
+    execution: Execution
     sampler: Sampler
     world: World
     model: Ensemble
@@ -104,27 +114,28 @@ class Experiment:
         pending = self.store.pending(step)
         for number, plan in pending:
             self.tracker.phase(step, self.steps, "building towers")
-            labels = self.world.execute(plan, stream(self.seed, "world", number))
-            self.store.record(number, labels[0])
+            rng = stream(self.seed, "world", number)
+            labels = carry_out(self.world, plan, rng, self.execution.time_limit, f"tower {number}")
+            self.store.record(number, labels)
         if pending:
-            feasible, scores = self.store.executed(step)
-            metrics = {"data/feasible_share": feasible.mean()}
-            if step:
-                metrics |= {"score/mean": scores.mean(), "score/max": scores.max(), "score/min": scores.min()}
-            self.tracker.log(step, self.store.count(until=step), metrics)
+            self.tracker.log(self.execution_figures(step))
 
     def learn(self, step: int) -> None:
         """Train the ensemble from scratch on all that was labelled up to this step."""
         self.tracker.phase(step, self.steps, "training")
         train, validation = (self.store.labelled(split, until=step) for split in (TRAIN, VALIDATION))
-        history = self.model.fit(train, validation, stream(self.seed, "train", step))
+        try:
+            history = self.model.fit(train, validation, stream(self.seed, "train", step))
+        except FloatingPointError as error:
+            raise Stopped(f"training diverged in step {step}: {error}; try a lower training.learning_rate") from None
         train_loss, validation_loss = history.best_losses
         losses = {
             f"loss/{TRAIN}": train_loss,
             f"loss/{VALIDATION}": validation_loss,
             "loss/epochs": len(history.train_loss),
         }
-        self.tracker.log(step, self.store.count(until=step), losses)
+        self.store.record_training(step, losses)
+        self.tracker.log(Figures(step, Phase.LEARNED, self.store.count(until=step), losses))
 
     def evaluate(self, step: int, predictor: Predictor) -> None:
         """Plan and test with the predictor; keep its weights if it has any."""
@@ -132,12 +143,37 @@ class Experiment:
         towers = self.store.count(until=step)
         regret = self.evaluator.regret(predictor, step, towers)
         accuracy = self.evaluator.accuracy(predictor, step, towers)
-        if isinstance(predictor, Ensemble):
-            predictor.save(self.store.weights(step))
-        self.store.record_evaluation(step, regret, accuracy)
+        self.store.record_evaluation(
+            step, regret, accuracy, predictor.save if isinstance(predictor, Ensemble) else None
+        )
+        self.tracker.log(self.evaluation_figures(step))
+
+    def history(self) -> list[Figures]:
+        """All figures that the store can tell of what was done, in the order in which they came."""
+        figures = []
+        for step in range(self.steps + 1):
+            if self.store.planned(step) and not self.store.pending(step):
+                figures.append(self.execution_figures(step))
+            if losses := self.store.training(step):
+                figures.append(Figures(step, Phase.LEARNED, self.store.count(until=step), losses))
+            if self.store.evaluated(step):
+                figures.append(self.evaluation_figures(step))
+        return figures
+
+    def execution_figures(self, step: int) -> Figures:
+        """The share of plans that succeeded, and the scores that they were chosen for."""
+        feasible, scores = self.store.executed(step)
+        metrics = {"data/feasible_share": float(feasible.mean())}
+        if step:
+            metrics |= {"score/mean": scores.mean(), "score/max": scores.max(), "score/min": scores.min()}
+        return Figures(step, Phase.EXECUTED, self.store.count(until=step), metrics)
+
+    def evaluation_figures(self, step: int) -> Figures:
+        """Median regret and towers standing for each task, accuracy for each length."""
+        regret, accuracy = (table[table["step"] == step] for table in (self.store.regret(), self.store.accuracy()))
         medians = regret.groupby("task", sort=False)["regret"].median()
         standing = regret.groupby("task", sort=False)["feasible"].mean()
         metrics: dict[str, float] = {f"regret/{task}": value for task, value in medians.items()}
         metrics |= {f"standing/{task}": value for task, value in standing.items()}
         metrics |= {f"accuracy/{length}": share for length, share in zip(accuracy["length"], accuracy["accuracy"])}
-        self.tracker.log(step, towers, metrics)
+        return Figures(step, Phase.EVALUATED, self.store.count(until=step), metrics)

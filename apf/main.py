@@ -1,68 +1,78 @@
 """python -m apf.main: compose, check, run, report."""
 
 import sys
-import time
-from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import hydra
 import pydantic
 import torch
 from hydra.core.hydra_config import HydraConfig
-from hydra.types import RunMode
 from omegaconf import DictConfig
 
-from apf.cli import MISTAKES, one_line_errors, run_command
-from apf.config import Config, Learned, config_dir, config_hash, describe, flatten, identity, plain, validate
+from apf.cli import one_line_errors, run_command
+from apf.config import Config, Learned, check_hydra, config_dir, describe, plain, validate
 from apf.errors import InputError
 from apf.experiment import Experiment
+from apf.files import read_yaml
 from apf.models import Ensemble, pick_device
 from apf.planning import Evaluator
 from apf.report import print_summary, save_figures
-from apf.store import Store, read_yaml, write_yaml
-from apf.towers import TowerDomain
-from apf.tracking import ConsoleTracker, RunInfo, Tracker, Trackers
+from apf.rundir import STATE, abandon, begin, check, finish, locked, resumable, resumed
+from apf.store import Store
+from apf.tracking import ConsoleTracker, RunInfo, Tracker, Trackers, log_end
 
 
 @hydra.main(version_base="1.3", config_path=config_dir(), config_name="config")
 @one_line_errors
 def job(cfg: DictConfig) -> None:
     """One run, in Hydra's output directory. A finished run of the same config returns at once."""
-    started = time.time()
     directory = Path(HydraConfig.get().runtime.output_dir)
-    try:
-        config = validate(cfg)
-        torch.set_num_threads(config.threads)
-        model = make_model(cfg, config)
-        finished = claim(directory, plain(cfg), config.domain)
-    except MISTAKES:
-        _remove_if_empty(directory)
-        raise
-    if finished:
+    check_hydra(HydraConfig.get())
+    plain_config, config = plain(cfg), validate(cfg)
+    torch.set_num_threads(config.threads)
+    model = make_model(cfg, config)
+    if check(directory, plain_config, config.domain):
         print(f"{directory} holds this run already, finished", file=sys.stderr)
         return
+    with locked(directory):
+        try:
+            begin(directory, plain_config, config.domain)
+            run(directory, plain_config, config, model)
+        except InputError:
+            abandon(directory)
+            raise
 
+
+def run(directory: Path, plain_config: dict[str, Any], config: Config, model: Ensemble) -> None:
+    """Do what is missing of the run in the (locked) directory, and show it."""
     store = Store(directory, config.domain)
+    state = read_yaml(directory / STATE)
     console = ConsoleTracker()
     tracker = Trackers([console, config.tracker])
-    in_sweep = HydraConfig.get().mode == RunMode.MULTIRUN
+    experiment = make_experiment(config, model, store, tracker)
+    identifier = f"{state['id']}-{store.corrections}" if store.corrections else state["id"]
+    info = RunInfo(state["name"], identifier, directory, plain_config, state["sweep"], experiment.history())
     failed = True
     try:
-        tracker.start(RunInfo(directory.name, directory, plain(cfg), config.sweep if in_sweep else None))
-        experiment = make_experiment(config, model, store, tracker)
-        if isinstance(config.predictor, Learned):
-            experiment.run()
-        elif not store.evaluated(0):
-            experiment.evaluate(0, config.predictor)
-        store.export()
-        save_figures(directory)
+        with resumable(directory):
+            if store.journal.torn:
+                print("the last record of the journal was torn: what it held is done again", file=sys.stderr)
+            tracker.start(info)
+            if isinstance(config.predictor, Learned):
+                experiment.run()
+            elif not store.evaluated(0):
+                experiment.evaluate(0, config.predictor)
+            store.export()
+            save_figures(directory)
+            finish(directory, store.journal.seconds)
         failed = False
+    except BaseException as error:
+        log_end(error)
+        raise
     finally:
         tracker.finish(failed)
         store.close()
-    state = read_yaml(directory / "run.yaml")
-    seconds = state["seconds"] + time.time() - started
-    write_yaml(directory / "run.yaml", {**state, "finished": True, "seconds": round(seconds, 1)})
     print_summary(directory, console.console)
 
 
@@ -85,58 +95,21 @@ def make_experiment(config: Config, model: Ensemble, store: Store, tracker: Trac
         every=config.evaluation.every,
         initial=config.initial,
         acquisition=config.acquisition,
+        execution=config.execution,
         sampler=config.sampler,
         world=config.world,
         model=model,
-        evaluator=Evaluator(config.evaluation, config.domain, config.planner, config.task, tracker.detail),
+        evaluator=Evaluator(
+            config.evaluation, config.domain, config.planner, config.task, tracker.detail, config.execution.time_limit
+        ),
         store=store,
         tracker=tracker,
     )
 
 
-def claim(directory: Path, config: dict, domain: TowerDomain) -> bool:
-    """Make the directory this run's own, or find that it is already. Returns whether the run has finished.
-
-    Raises InputError, naming the keys that differ, if another run lives there.
-    """
-    if (directory / "config.yaml").exists():
-        mine, theirs = (flatten(identity(c)) for c in (config, read_yaml(directory / "config.yaml")))
-        differing = [key for key in sorted(mine.keys() | theirs.keys()) if mine.get(key) != theirs.get(key)]
-        if differing:
-            raise InputError(f"{directory} holds a run of another config; these keys differ: {', '.join(differing)}")
-        domain.check_kept(directory)
-        return bool(read_yaml(directory / "run.yaml").get("finished"))
-    try:
-        directory.mkdir(parents=True, exist_ok=True)
-        choices = {key: value for key, value in HydraConfig.get().runtime.choices.items() if "hydra/" not in key}
-        state = {
-            "name": directory.name,
-            "hash": config_hash(config),
-            "choices": choices,
-            "overrides": list(HydraConfig.get().overrides.task),
-            "versions": {name: version(name) for name in ("apf", "torch", "torch-geometric", "numpy")},
-            "finished": False,
-            "seconds": 0.0,
-        }
-        domain.keep(directory)
-        write_yaml(directory / "run.yaml", state)
-        write_yaml(directory / "config.yaml", config)
-    except OSError as error:
-        raise InputError(f"{directory}: cannot be written: {error.strerror}") from None
-    return False
-
-
-def _remove_if_empty(directory: Path) -> None:
-    """Take back the folders that Hydra made for a run that never began."""
-    for folder in (directory, *directory.parents):
-        if folder == Path.cwd() or not folder.is_dir() or any(folder.iterdir()):
-            return
-        folder.rmdir()
-
-
 def main() -> None:
     """Entry point of the command."""
-    run_command(job)
+    run_command(job, resumed)
 
 
 if __name__ == "__main__":

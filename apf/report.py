@@ -7,7 +7,7 @@ from rich.console import Console
 from rich.table import Table
 
 from apf import figures
-from apf.store import read_yaml
+from apf.files import read_yaml
 
 
 def save_figures(directory: Path) -> None:

@@ -9,7 +9,7 @@ import pandas as pd
 
 from apf.config import NO_EFFECT, flatten, identity
 from apf.errors import InputError
-from apf.store import read_yaml
+from apf.files import read_yaml
 
 NOT_A_GROUP = ("seed",)
 """Keys by which runs of one group may differ."""

@@ -2,101 +2,160 @@
 
 config.yaml       the resolved config
 run.yaml          name, choices, versions, state, wall time
-journal.sqlite    every plan proposed and every label, in the order they came, and the evaluations
+journal.jsonl     every plan proposed, every label, correction, training and evaluation, in the order they came
 weights/          step_0010.safetensors: the ensemble at each evaluated step
 towers.parquet, regret.parquet, accuracy.parquet    the journal as tables
 """
 
-import sqlite3
-from collections.abc import Sequence
-from datetime import UTC, datetime
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
-import yaml
 
 from apf.acquisition import Scored
 from apf.data import Labelled
 from apf.errors import InputError
+from apf.files import checksum, replacing
+from apf.journal import Journal, Record
 from apf.tables import write_table
 from apf.towers import TowerDomain
 
-SCHEMA = """
-create table if not exists towers (
-    id integer primary key,       -- order of execution, from 0
-    step integer not null,        -- 0: initial data; n: acquisition n
-    split text not null,          -- train or validation
-    score real,                   -- acquisition score; null for initial plans
-    plan text not null,
-    labels text,                  -- one character per prefix: 1 stood, 0 fell, - not attempted; null: not executed yet
-    labelled_at text
-) strict;
-create table if not exists evaluations (step integer primary key) strict;
-create table if not exists regret (
-    step integer, towers integer, task text, problem integer, value real, best_value real, regret real, feasible integer
-) strict;
-create table if not exists accuracy (step integer, towers integer, length integer, accuracy real, n integer) strict;
-"""
-
 SYMBOL = {1: "1", 0: "0", -1: "-"}
+"""How the journal writes labels, one character for each prefix: stood, fell, not attempted."""
 VALUE = {symbol: label for label, symbol in SYMBOL.items()}
+
+REGRET = ("step", "towers", "task", "problem", "value", "best_value", "regret", "feasible")
+ACCURACY = ("step", "towers", "length", "accuracy", "n")
+DTYPES = {
+    **dict.fromkeys(("step", "towers", "problem", "length", "n"), "int64"),
+    **dict.fromkeys(("value", "best_value", "regret", "accuracy"), "float64"),
+    "feasible": "bool",
+}
+
+
+@dataclass
+class Tower:
+    """What is known of a proposed plan. labels: None until it is executed. score: None for initial plans.
+
+    corrected: its labels are not those first recorded. outdated: it was chosen by a model that had learned from a
+    label corrected since.
+    """
+
+    number: int
+    step: int
+    split: str
+    score: float | None
+    plan: dict[str, Any]
+    labels: str | None = None
+    corrected: bool = False
+    outdated: bool = False
+
+    @property
+    def note(self) -> str | None:
+        """As `towers.parquet` says it."""
+        notes = ["corrected"] * self.corrected + ["chosen before a correction"] * self.outdated
+        return "; ".join(notes) or None
 
 
 class Store:
     """Reads and writes one run directory. A label is on disk before `record` returns."""
 
     def __init__(self, directory: Path, domain: TowerDomain) -> None:
+        """Raises InputError if the journal is damaged or cannot be written."""
         self.directory = directory
         self.domain = domain
         (directory / "weights").mkdir(parents=True, exist_ok=True)
-        self._db = sqlite3.connect(directory / "journal.sqlite", isolation_level=None)
-        self._db.execute("pragma synchronous = full")
-        self._db.executescript(SCHEMA)
+        self.journal = Journal(directory / "journal.jsonl")
+        self.corrections = 0
+        self._towers: list[Tower] = []
+        self._trainings: dict[int, dict[str, float]] = {}
+        self._evaluations: dict[int, Record] = {}
+        for number, record in enumerate(self.journal.records, 1):
+            try:
+                self._apply(record)
+            except (KeyError, IndexError, TypeError):
+                line = f"line {number} ({record.get('kind')})"
+                raise InputError(
+                    f"{self.journal.path} is damaged: {line} does not follow from those before it"
+                ) from None
 
     def close(self) -> None:
         """Release the journal."""
-        self._db.close()
+        self.journal.close()
+
+    def _append(self, kind: str, **content: Any) -> None:
+        self._apply(self.journal.append(kind, **content))
+
+    def _apply(self, record: Record) -> None:
+        """Take a record into account. The journal alone, read from its beginning, gives the state."""
+        match record["kind"]:
+            case "plans":
+                first = len(self._towers)
+                for number, plan in enumerate(record["plans"], first):
+                    self._towers.append(Tower(number, record["step"], **plan))
+            case "label":
+                self._towers[record["tower"]].labels = record["labels"]
+            case "correction":
+                self._correct(self._towers[record["tower"]], record["labels"])
+            case "training":
+                self._trainings[record["step"]] = record["losses"]
+            case "evaluation":
+                self._evaluations[record["step"]] = record
+
+    def _correct(self, tower: Tower, labels: str) -> None:
+        """What was learned from the old labels is forgotten; plans that were chosen by it are marked."""
+        self.corrections += 1
+        tower.labels, tower.corrected = labels, True
+        for other in self._towers:
+            other.outdated |= other.step > tower.step and other.score is not None
+        for learned in (self._trainings, self._evaluations):
+            for step in [step for step in learned if step >= tower.step]:
+                del learned[step]
 
     # -- plans and labels ---------------------------------------------------------------------------------------
 
     def planned(self, step: int) -> bool:
         """Have the plans of this step been chosen?"""
-        return self._db.execute("select count(*) from towers where step = ?", (step,)).fetchone()[0] > 0
+        return any(tower.step == step for tower in self._towers)
 
     def plan(self, step: int, scored: Sequence[Scored], splits: Sequence[str]) -> None:
         """Record what will be executed in this step, all or nothing."""
-        first = self._db.execute("select coalesce(max(id) + 1, 0) from towers").fetchone()[0]
-        rows = [
-            (first + i, step, split, None if np.isnan(s.score) else s.score, self.domain.encode(s.plan)[0])
-            for i, (s, split) in enumerate(zip(scored, splits, strict=True))
+        plans = [
+            {"split": split, "score": None if np.isnan(s.score) else s.score, "plan": self.domain.encode(s.plan)[0]}
+            for s, split in zip(scored, splits, strict=True)
         ]
-        self._db.execute("begin immediate")
-        self._db.executemany("insert into towers (id, step, split, score, plan) values (?, ?, ?, ?, ?)", rows)
-        self._db.execute("commit")
+        self._append("plans", step=step, plans=plans)
 
     def pending(self, step: int) -> list[tuple[int, Any]]:
-        """(id, plan) of each plan of this step that has not been executed yet."""
-        rows = self._db.execute("select id, plan from towers where step = ? and labels is null order by id", (step,))
-        return [(number, self.domain.decode([plan])) for number, plan in rows.fetchall()]
+        """(number, plan) of each plan of this step that has not been executed yet."""
+        pending = [t for t in self._towers if t.step == step and t.labels is None]
+        return [(tower.number, self.domain.decode([tower.plan])) for tower in pending]
 
     def record(self, number: int, labels: np.ndarray) -> None:
         """Make the labels [K] of a plan durable."""
-        text = "".join(SYMBOL[int(label)] for label in labels)
-        now = datetime.now(UTC).isoformat(timespec="milliseconds")
-        self._db.execute("update towers set labels = ?, labelled_at = ? where id = ?", (text, now, number))
+        self._append("label", tower=number, labels="".join(SYMBOL[int(label)] for label in labels))
+
+    def tower(self, number: int) -> Tower:
+        """An executed plan. Raises InputError if there is none of that number."""
+        if not 0 <= number < len(self._towers) or self._towers[number].labels is None:
+            have = self._select(None)
+            numbers = f"towers {have[0].number} to {have[-1].number} have" if have else "none has"
+            raise InputError(f"tower is {number}; {numbers} labels in {self.directory}")
+        return self._towers[number]
+
+    def correct(self, number: int, labels: str, reason: str) -> None:
+        """Make other labels of an executed plan durable; the journal keeps the old ones too."""
+        self._append("correction", tower=number, old=self.tower(number).labels, labels=labels, reason=reason)
 
     def labelled(self, split: str | None = None, until: int | None = None) -> list[Labelled]:
         """All labelled plans of a split (or of both), up to a step, one batch per length, oldest first."""
-        rows = self._db.execute(
-            "select plan, labels from towers where labels is not null and (? is null or split = ?) "
-            "and (? is null or step <= ?) order by id",
-            (split, split, until, until),
-        ).fetchall()
-        by_length: dict[int, list[tuple[str, str]]] = {}
-        for plan, labels in rows:
-            by_length.setdefault(len(labels), []).append((plan, labels))
+        by_length: dict[int, list[tuple[dict[str, Any], str]]] = {}
+        for tower in self._select(until):
+            if split in (None, tower.split):
+                by_length.setdefault(len(tower.labels or ""), []).append((tower.plan, tower.labels or ""))
         return [
             Labelled(
                 self.domain.decode([plan for plan, _ in group]),
@@ -107,34 +166,48 @@ class Store:
 
     def executed(self, step: int) -> tuple[np.ndarray, np.ndarray]:
         """Of this step's plans: did the whole plan succeed [n] bool, and the acquisition scores [n]."""
-        rows = self._db.execute(
-            "select labels, score from towers where step = ? and labels is not null order by id", (step,)
-        ).fetchall()
+        towers = [tower for tower in self._select(step) if tower.step == step]
         return (
-            np.array([set(labels) == {"1"} for labels, _ in rows], bool),
-            np.array([np.nan if score is None else score for _, score in rows], float),
+            np.array([set(tower.labels or "") == {"1"} for tower in towers], bool),
+            np.array([np.nan if tower.score is None else tower.score for tower in towers], float),
         )
 
     def count(self, until: int) -> int:
         """Labelled plans up to a step."""
-        query = "select count(*) from towers where labels is not null and step <= ?"
-        return self._db.execute(query, (until,)).fetchone()[0]
+        return len(self._select(until))
 
-    # -- evaluations --------------------------------------------------------------------------------------------
+    def _select(self, until: int | None) -> list[Tower]:
+        return [t for t in self._towers if t.labels is not None and (until is None or t.step <= until)]
+
+    # -- what was learned ---------------------------------------------------------------------------------------
+
+    def training(self, step: int) -> Mapping[str, float] | None:
+        """The losses of this step's training, if it was done."""
+        return self._trainings.get(step)
+
+    def record_training(self, step: int, losses: Mapping[str, float]) -> None:
+        """Make the losses of a training durable; those of the same training done again are the same."""
+        if self._trainings.get(step) != losses:
+            self._append("training", step=step, losses=dict(losses))
 
     def evaluated(self, step: int) -> bool:
-        """Has this step been evaluated?"""
-        return self._db.execute("select 1 from evaluations where step = ?", (step,)).fetchone() is not None
+        """Has this step been evaluated, and does what was kept of it still hold?"""
+        done = self._evaluations.get(step)
+        return done is not None and (done["weights"] is None or done["weights"] == checksum(self.weights(step)))
 
-    def record_evaluation(self, step: int, regret: pd.DataFrame, accuracy: pd.DataFrame) -> None:
-        """Make an evaluation durable, and write the tables anew."""
-        self._db.execute("begin immediate")
-        for name, table in (("regret", regret), ("accuracy", accuracy)):
-            rows = table.astype(object).where(table.notna(), None).to_numpy().tolist()
-            marks = ", ".join("?" * len(table.columns))
-            self._db.executemany(f"insert into {name} ({', '.join(table.columns)}) values ({marks})", rows)
-        self._db.execute("insert into evaluations values (?)", (step,))
-        self._db.execute("commit")
+    def record_evaluation(
+        self, step: int, regret: pd.DataFrame, accuracy: pd.DataFrame, save: Callable[[Path], None] | None = None
+    ) -> None:
+        """Make an evaluation durable with the weights that `save` writes, and write the tables anew."""
+        weights = self.weights(step)
+        if save:
+            with replacing(weights) as half:
+                save(half)
+        rows = {
+            name: table.astype(object).where(table.notna(), None).to_numpy().tolist()
+            for name, table in (("regret", regret), ("accuracy", accuracy))
+        }
+        self._append("evaluation", step=step, **rows, weights=checksum(weights) if save else None)
         self.export()
 
     def weights(self, step: int) -> Path:
@@ -145,30 +218,33 @@ class Store:
 
     def regret(self) -> pd.DataFrame:
         """All evaluations so far, in the columns of `regret.parquet`."""
-        table = pd.read_sql_query("select * from regret order by step, rowid", self._db)
-        return table.astype({"feasible": bool, "regret": float})
+        return self._evaluation_table("regret", REGRET)
 
     def accuracy(self) -> pd.DataFrame:
         """All evaluations so far, in the columns of `accuracy.parquet`."""
-        return pd.read_sql_query("select * from accuracy order by step, rowid", self._db)
+        return self._evaluation_table("accuracy", ACCURACY)
+
+    def _evaluation_table(self, name: str, columns: Sequence[str]) -> pd.DataFrame:
+        rows = [row for _, record in sorted(self._evaluations.items()) for row in record[name]]
+        table = pd.DataFrame(rows, columns=list(columns))
+        return table.astype({column: dtype for column, dtype in DTYPES.items() if column in columns})
 
     def towers(self) -> pd.DataFrame:
         """One row per placement of every labelled plan: what came of it, and the columns of a tower file."""
-        rows = self._db.execute(
-            "select id, step, split, score, plan, labels from towers where labels is not null order by id"
-        ).fetchall()
-        parts = [self.domain.table(self.domain.random_plans(1, 0, np.random.default_rng()))] if not rows else []
+        towers = self._select(None)
+        parts = [self.domain.table(self.domain.random_plans(1, 0, np.random.default_rng()))] if not towers else []
         for part in parts:
-            for place, column in enumerate(("step", "split", "score", "label"), start=2):
+            for place, column in enumerate(("step", "split", "score", "label", "note"), start=2):
                 part.insert(place, column, [])
-        for number, step, split, score, plan, labels in rows:
-            part = self.domain.table(self.domain.decode([plan]))
-            part["tower"] = number
-            label = pd.Series([None if s == "-" else int(s) for s in labels], dtype="Int8")
-            part.insert(2, "step", step)
-            part.insert(3, "split", split)
-            part.insert(4, "score", np.nan if score is None else score)
-            part.insert(5, "label", label)
+        for tower in towers:
+            part = self.domain.table(self.domain.decode([tower.plan]))
+            part["tower"] = tower.number
+            label = [None if s == "-" else int(s) for s in tower.labels or ""]
+            part.insert(2, "step", tower.step)
+            part.insert(3, "split", tower.split)
+            part.insert(4, "score", np.nan if tower.score is None else tower.score)
+            part.insert(5, "label", pd.Series(label, dtype="Int8"))
+            part.insert(6, "note", pd.Series([tower.note] * len(part), dtype="string"))
             parts.append(part)
         return pd.concat(parts, ignore_index=True)
 
@@ -176,23 +252,3 @@ class Store:
         """Write towers.parquet, regret.parquet and accuracy.parquet, each replaced in one step."""
         for name, table in (("towers", self.towers()), ("regret", self.regret()), ("accuracy", self.accuracy())):
             write_table(table, self.directory / f"{name}.parquet")
-
-
-def write_yaml(path: Path, content: dict) -> None:
-    """Write a YAML file, replacing it in one step."""
-    half = path.with_name(path.name + ".part")
-    half.write_text(yaml.safe_dump(content, sort_keys=False, allow_unicode=True))
-    half.replace(path)
-
-
-def read_yaml(path: Path) -> dict:
-    """Raises InputError if there is no such file, or it is no YAML mapping."""
-    try:
-        content = yaml.safe_load(path.read_text())
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file") from None
-    except yaml.YAMLError as error:
-        raise InputError(f"{path}: not a YAML file: {str(error).splitlines()[0]}") from None
-    if not isinstance(content, dict):
-        raise InputError(f"{path}: not a YAML mapping")
-    return content

@@ -1,6 +1,5 @@
 """Tables on disk, CSV or parquet by their ending, written whole or not at all."""
 
-import contextlib
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -8,6 +7,7 @@ from pathlib import Path
 import pandas as pd
 
 from apf.errors import InputError
+from apf.files import replacing
 
 
 def check_ending(path: Path) -> None:
@@ -62,17 +62,14 @@ def write_table(table: pd.DataFrame, path: Path, units: Mapping[str, str] | None
     check_ending(path)
     if units:
         table = table.rename(columns={c: f"{c} [{unit}]" for c, unit in units.items()})
-    half = path.with_name(path.name + ".part")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        if path.suffix == ".csv":
-            table.to_csv(half, index=False)
-        else:
-            table.to_parquet(half, index=False)
-        half.replace(path)
+        with replacing(path) as half:
+            if path.suffix == ".csv":
+                table.to_csv(half, index=False)
+            else:
+                table.to_parquet(half, index=False)
     except OSError as error:
-        with contextlib.suppress(OSError):
-            half.unlink()
         raise InputError(f"{path}: cannot be written: {error.strerror}") from None
 
 

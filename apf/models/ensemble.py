@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import torch
 from pydantic import PositiveInt
+from safetensors import SafetensorError
 from safetensors.torch import load_file, save_file
 
 from apf.data import Domain, Kind, Labelled, examples
@@ -81,8 +82,11 @@ class Ensemble(Predictor):
         return self._predict(plans, whole=True).mean(0)[:, 0]
 
     def save(self, path: Path) -> None:
-        """Write the weights as safetensors."""
-        save_file({name: weight.contiguous() for name, weight in self.network.state_dict().items()}, path)
+        """Write the weights as safetensors. Raises OSError if that cannot be done."""
+        try:
+            save_file({name: weight.contiguous() for name, weight in self.network.state_dict().items()}, path)
+        except SafetensorError as error:
+            raise OSError(f"{path}: cannot be written: {error}") from None
 
     def load(self, path: Path) -> None:
         """Read weights that `save` wrote."""

@@ -4,9 +4,11 @@ A prediction for every prefix of a plan comes from one pass. The message between
 prefix that holds them, so each is computed once; a prefix then sums those whose blocks it holds.
 """
 
+import sys
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import permutations
+from pathlib import Path
 
 import torch
 from pydantic import PositiveInt, validate_call
@@ -116,6 +118,8 @@ class GraphNetwork(EnsembleNetwork):
         self.hidden = hidden
         self.n_own = n_own = n_features - n_position
         self.messages = PrefixMessages(members, n_own, n_position, hidden)
+        if generated := sys.modules.get(f"{__name__}_PrefixMessages_propagate"):  # from a file that nobody cleans up
+            Path(str(generated.__file__)).unlink(missing_ok=True)
         self.last = EnsembleLinear(members, hidden, hidden)
         self.update_messages = EnsembleLinear(members, hidden, hidden, bias=False, fan_in=n_own + hidden)
         self.update_own = EnsembleLinear(members, n_own, hidden, fan_in=n_own + hidden)

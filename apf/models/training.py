@@ -78,7 +78,8 @@ def fit(
         loss[0, active] = _epoch(network, train_groups, training.batch, optimiser, own, turns)
         loss[1, active] = validation_loss(network, len(active), validation_groups).cpu()
         if not torch.isfinite(loss[1, active]).all():
-            raise FloatingPointError(f"the validation loss is {loss[1].tolist()} after epoch {epoch}")
+            worst = loss[1, active][~torch.isfinite(loss[1, active])][0].item()
+            raise FloatingPointError(f"a validation loss is {worst} after epoch {epoch}")
         losses.append(loss.numpy())
         improved = loss[1, active] < best_loss[active]
         better = active[improved]

@@ -13,7 +13,7 @@ from apf.rng import stream
 from apf.settings import settings
 from apf.tasks import Task
 from apf.towers import TowerDomain, Towers
-from apf.worlds import World
+from apf.worlds import World, carry_out
 
 REGRET_COLUMNS = ["step", "towers", "task", "problem", "value", "best_value", "regret", "feasible"]
 ACCURACY_COLUMNS = ["step", "towers", "length", "accuracy", "n"]
@@ -54,9 +54,11 @@ class Evaluator:
         planner: MonteCarloPlanner,
         tasks: Mapping[str, Task],
         on_progress: Callable[[str], None] = lambda what: None,
+        time_limit: float | None = None,
     ) -> None:
+        """time_limit: seconds that one chosen plan may take in the world."""
         self.settings, self.domain, self.planner, self.tasks = settings, domain, planner, tasks
-        self.on_progress = on_progress
+        self.on_progress, self.time_limit = on_progress, time_limit
         self._best_values: dict[int, dict[str, float]] = {}
         self._test_sets: dict[int, tuple[Towers, np.ndarray]] = {}
 
@@ -76,7 +78,8 @@ class Evaluator:
                 choice = self.planner.plan(task, pool)
                 rng = stream(self.settings.seed, "reward", step, problem, number)
                 chosen = candidates[choice.index : choice.index + 1]
-                feasible = bool((self.settings.world.execute(chosen, rng) == 1).all())
+                what = f"the tower chosen for {name} in problem {problem}"
+                feasible = bool((carry_out(self.settings.world, chosen, rng, self.time_limit, what) == 1).all())
                 reward = choice.value if feasible else 0.0
                 regret = (best[name] - reward) / best[name] if best[name] > 0 else np.nan
                 rows.append((step, towers, name, problem, choice.value, best[name], regret, feasible))

@@ -5,10 +5,10 @@ experimental infrastructure and a feasibility detector (`apf.worlds`), and induc
 `apf.models`).
 """
 
-import json
 from collections.abc import Iterator, Sequence
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -103,16 +103,15 @@ class TowerDomain:
         """n plans with evaluation blocks, and their labels [n] bool: half of them feasible."""
         return balanced_towers(self.evaluation_blocks, length, n, rng, self.offset)
 
-    def encode(self, plans: Towers) -> list[str]:
-        """One line of JSON per plan; `decode` gives the same plan bit for bit."""
+    def encode(self, plans: Towers) -> list[dict[str, Any]]:
+        """Each plan as what JSON can hold; `decode` gives the same plan bit for bit."""
         return [
-            json.dumps({"block": b, "rotation": r, "xy": xy})
+            {"block": b, "rotation": r, "xy": xy}
             for b, r, xy in zip(plans.block.tolist(), plans.rotation.tolist(), plans.xy.tolist(), strict=True)
         ]
 
-    def decode(self, lines: Sequence[str]) -> Towers:
+    def decode(self, plans: Sequence[dict[str, Any]]) -> Towers:
         """The plans, all of one length, that `encode` wrote."""
-        plans = [json.loads(line) for line in lines]
         block, rotation = (
             np.array([p[key] for p in plans], dtype) for key, dtype in (("block", np.int16), ("rotation", np.int8))
         )

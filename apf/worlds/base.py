@@ -6,6 +6,8 @@ from typing import Any
 import numpy as np
 
 from apf.data import UNOBSERVED
+from apf.errors import Stopped
+from apf.interrupts import TimeLimitError, time_limit
 
 
 class World(ABC):
@@ -14,6 +16,29 @@ class World(ABC):
     @abstractmethod
     def execute(self, plans: Any, rng: np.random.Generator) -> np.ndarray:
         """Carry out N plans of K placements. Returns labels [N, K] int8: 1 stood, 0 fell, -1 not attempted."""
+
+
+def carry_out(world: World, plan: Any, rng: np.random.Generator, limit: float | None, what: str) -> np.ndarray:
+    """The labels [K] of one plan (N = 1), which may take `limit` seconds.
+
+    Raises Stopped, saying `what` was tried, if the world fails, takes longer, or answers no labels.
+    """
+    try:
+        with time_limit(limit):
+            labels = np.asarray(world.execute(plan, rng))
+    except TimeLimitError:
+        raise Stopped(f"world: {what} took longer than execution.time_limit={limit:g} s") from None
+    except Exception as error:
+        reason = next(iter(str(error).splitlines()), "")
+        raise Stopped(f"world: {what} failed: {type(error).__name__}: {reason}") from error
+    if labels.shape != (1, plan.length) or not are_labels(labels[0]):
+        raise Stopped(f"world: {what} got {labels.tolist()}; labels [1, {plan.length}] are 1, ..., 0, -1, ...")
+    return labels[0]
+
+
+def are_labels(labels: np.ndarray) -> bool:
+    """Are these the labels [K] of prefixes: some that stood, one that fell unless all did, the rest unobserved?"""
+    return bool(np.isin(labels, (0, 1, UNOBSERVED)).all() and (labels_from(labels[None] == 1)[0] == labels).all())
 
 
 def labels_from(stood: np.ndarray) -> np.ndarray:

@@ -13,12 +13,13 @@ from unittest import mock
 
 import apf.label
 import apf.main
+import apf.relabel
 
 REPOSITORY = Path(__file__).parents[2]
 CONF = REPOSITORY / "conf"
 ANALYSIS = REPOSITORY / "analysis"
 
-MAINS = {"apf.main": apf.main.main, "apf.label": apf.label.main}
+MAINS = {"apf.main": apf.main.main, "apf.label": apf.label.main, "apf.relabel": apf.relabel.main}
 
 TINY = (
     "tracker=none",

@@ -205,6 +205,13 @@ def test_a_value_that_varies_within_an_option_is_named_beside_it() -> None:
     ]
 
 
+def test_tasks_name_the_group() -> None:
+    target = {"_target_": "apf.tasks.Tallest"}
+    one = run("a", {"task": {"tallest": target}}, task=["tallest"])
+    two = run("b", {"task": {"tallest": target, "overhang": target}}, task=["tallest", "overhang"])
+    assert label_runs([one, two]) == ["tallest", "tallest+overhang"]
+
+
 def test_two_choices_name_the_group() -> None:
     runs = [
         run("a", {"model": {"layers": 3}}, model="lstm", sampler="greedy"),

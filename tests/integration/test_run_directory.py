@@ -1,8 +1,7 @@
 """The run directory is the truth: every file, column and number in it."""
 
+import json
 import math
-import sqlite3
-from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -26,15 +25,22 @@ REGRET = ["step", "towers", "task", "problem", "value", "best_value", "regret", 
 ACCURACY = ["step", "towers", "length", "accuracy", "n"]
 TASKS = ["tallest", "overhang", "unsupported"]
 PLACEMENTS = [
-    *("tower", "position", "step", "split", "score", "label"),
+    *("tower", "position", "step", "split", "score", "label", "note"),
     *("block", "dim_x", "dim_y", "dim_z", "com_x", "com_y", "com_z", "mass"),
     *("x", "y", "z", "qx", "qy", "qz", "qw"),
 ]
 
 
 def journal(directory: Path) -> pd.DataFrame:
-    with closing(sqlite3.connect(directory / "journal.sqlite")) as db:
-        return pd.read_sql_query("select * from towers order by id", db)
+    """A row for each tower: as `Store` reads the journal, and `labelled_at`."""
+    records = [json.loads(line) for line in (directory / "journal.jsonl").read_text().splitlines()]
+    towers = [
+        {"step": record["step"], **plan} for record in records if record["kind"] == "plans" for plan in record["plans"]
+    ]
+    for record in records:
+        if record["kind"] == "label":
+            towers[record["tower"]] |= {"labels": record["labels"], "labelled_at": record["at"]}
+    return pd.DataFrame(towers).astype({"score": float}).rename_axis("id").reset_index()
 
 
 @pytest.mark.slow
@@ -45,7 +51,13 @@ def test_every_file_is_there(smoke: tuple[Path, Result]) -> None:
     figures = {f"figures/{name}{end}" for name in ("regret", "accuracy") for end in (".png", ".pdf", ".csv")}
     tables = {f"{name}.parquet" for name in ("towers", "regret", "accuracy")}
     blocks = {"training_blocks.csv", "evaluation_blocks.csv"}
-    assert found == weights | figures | tables | blocks | {"config.yaml", "run.yaml", "run.log", "journal.sqlite"}
+    assert found == weights | figures | tables | blocks | {
+        "config.yaml",
+        "run.yaml",
+        "run.log",
+        "journal.jsonl",
+        "lock",
+    }
     assert not list(directory.rglob("*.pkl"))
 
 
@@ -71,6 +83,7 @@ def test_run_says_how_it_came_to_be(smoke: tuple[Path, Result]) -> None:
     assert 0 < state["seconds"] < 300
     assert state["choices"]["sampler"] == "sequential"
     assert state["choices"]["experiment"] == "smoke"
+    assert state["choices"]["task"] == TASKS
     assert state["overrides"] == list(SMOKE)
     assert state["versions"]["torch"] == torch.__version__
 
@@ -232,14 +245,14 @@ def test_initial_towers(sampler: str, here: Path) -> None:
 
 @pytest.mark.usefixtures("no_figures")
 def test_a_label_is_in_the_journal_before_the_next_tower_starts(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Another process, which sees only what was committed, finds every label but those still to come."""
+    """The file, as anybody may read it, holds every label but those still to come."""
     seen = []
     execute = NoisyWorld.execute
 
     def looking(self: NoisyWorld, plans: object, rng: np.random.Generator) -> np.ndarray:
         if (here / "run").exists():
-            with closing(sqlite3.connect(here / "run" / "journal.sqlite")) as db:
-                seen.append(db.execute("select count(*), count(labels) from towers").fetchone())
+            rows = journal(here / "run")
+            seen.append((len(rows), int(rows["labels"].notna().sum()) if "labels" in rows else 0))
         return execute(self, plans, rng)
 
     monkeypatch.setattr(NoisyWorld, "execute", looking)

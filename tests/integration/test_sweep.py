@@ -43,7 +43,7 @@ def test_the_same_sweep_again_does_only_what_is_missing(sweep: Path, here: Path)
     before = {path: path.stat().st_mtime_ns for run in (first, *rest) for path in run.rglob("*") if path.is_file()}
     shutil.rmtree(missing)
     result = call(*SWEEP).must_work()
-    said = [line for line in result.err.splitlines() if "holds this run already, finished" in line]
+    said = [line for line in result.err.splitlines() if line.startswith("already finished")]
     assert len(said) == 3
     assert not any(missing.name in line for line in said)
     assert {path: path.stat().st_mtime_ns for path in before} == before
@@ -67,8 +67,14 @@ def test_a_run_of_a_sweep_is_the_run_alone(sweep: Path, here: Path) -> None:
 @pytest.mark.usefixtures("no_figures")
 def test_the_name_of_a_run_tells_configs_apart(here: Path) -> None:
     """What changes the results changes the hash in the name; what does not, does not."""
-    call("-m", *TINY, "world=analytic", "world@evaluation.world=analytic,noisy", "training.batch=4,8").must_work()
-    call("-m", *TINY, "world=analytic", "world@evaluation.world=noisy", "training.batch=8", "threads=2").must_work()
+    basic = "hydra/launcher=basic"
+    call(
+        "-m", *TINY, basic, "world=analytic", "world@evaluation.world=analytic,noisy", "training.batch=4,8"
+    ).must_work()
+    basic = "hydra/launcher=basic"
+    call(
+        "-m", *TINY, basic, "world=analytic", "world@evaluation.world=noisy", "training.batch=8", "threads=2"
+    ).must_work()
     names = [path.name for path in (here / "runs" / "sweep").iterdir() if path.is_dir()]
     assert len(names) == 4
     assert {name.rpartition("-")[0] for name in names} == {"sequential-tgn-analytic-seed0"}
@@ -76,7 +82,7 @@ def test_the_name_of_a_run_tells_configs_apart(here: Path) -> None:
 
 @pytest.mark.usefixtures("no_figures")
 def test_a_crash_of_one_job_does_not_cost_the_others(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The first of two jobs crashes: the second still runs, and the command says that it failed."""
+    """Hydra's basic launcher: the first of two jobs crashes, the second still runs, the command says what failed."""
     from apf.experiment import Experiment
 
     learn = Experiment.learn
@@ -87,7 +93,7 @@ def test_a_crash_of_one_job_does_not_cost_the_others(here: Path, monkeypatch: py
         learn(self, step)
 
     monkeypatch.setattr(Experiment, "learn", crashing)
-    result = call("-m", *TINY, "seed=0,1")
+    result = call("-m", *TINY, "hydra/launcher=basic", "seed=0,1")
     assert result.code != 0
     assert "the power is out" in result.err
     finished = {

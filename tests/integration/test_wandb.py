@@ -15,6 +15,7 @@ import wandb.errors
 import yaml
 
 from apf.experiment import Experiment
+from apf.store import Store
 from integration.command_line import TINY, call, spawn
 
 
@@ -35,13 +36,16 @@ class FakeRun:
         self.settings = settings
         self.metrics: list[tuple[str, str | None]] = []
         self.logged: list[dict[str, float]] = []
+        self.numbers: list[int] = []
         self.finished: list[int] = []
 
     def define_metric(self, name: str, step_metric: str | None = None) -> None:
         self.metrics.append((name, step_metric))
 
-    def log(self, figures: dict[str, float]) -> None:
+    def log(self, figures: dict[str, float], step: int) -> None:
         assert not self.finished, "logged after the end"
+        assert step not in self.numbers, "two rows under one number"
+        self.numbers.append(step)
         self.logged.append(figures)
 
     def finish(self, exit_code: int) -> None:
@@ -100,7 +104,7 @@ def test_offline_without_any_network(tmp_path: Path, listener: tuple[str, list[A
 @pytest.mark.slow
 @pytest.mark.usefixtures("no_figures")
 def test_jobs_of_a_sweep_are_runs_of_their_own(here: Path) -> None:
-    call("-m", *TINY, "tracker=wandb", "seed=0,1", "sweep=mine").must_work()
+    call("-m", *TINY, "hydra/launcher=basic", "tracker=wandb", "seed=0,1", "sweep=mine").must_work()
     runs = [path for path in (here / "runs" / "mine").iterdir() if path.is_dir()]
     assert len(runs) == 2
     records = [record.name for run in runs for record in run.glob("wandb/offline-run-*/run-*.wandb")]
@@ -145,7 +149,7 @@ def test_what_is_told(here: Path, fakes: list[FakeRun]) -> None:
 
 @pytest.mark.usefixtures("no_figures")
 def test_jobs_of_a_sweep_are_grouped(here: Path, fakes: list[FakeRun]) -> None:
-    call("-m", *TINY, "tracker=wandb", "seed=0,1", "sweep=mine").must_work()
+    call("-m", *TINY, "hydra/launcher=basic", "tracker=wandb", "seed=0,1", "sweep=mine").must_work()
     assert [run.settings["group"] for run in fakes] == ["mine", "mine"]
     assert [run.settings["config"]["seed"] for run in fakes] == [0, 1]
     names = {path.name for path in (here / "runs" / "mine").iterdir() if path.is_dir()}
@@ -210,3 +214,88 @@ def test_online_without_an_account_is_one_line(here: Path, monkeypatch: pytest.M
     last = result.err.strip().splitlines()[-1]
     assert last.startswith("error: ")
     assert "wandb login" in last
+
+
+def interrupt_after(labels: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    record, count = Store.record, iter(range(1, 1000))
+
+    def recording(self: Store, *arguments: Any) -> None:
+        record(self, *arguments)
+        if next(count) == labels:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(Store, "record", recording)
+
+
+@pytest.mark.usefixtures("no_figures")
+@pytest.mark.parametrize("mode", ["offline", "online"])
+def test_a_resumed_run_is_one_run_with_its_whole_history(
+    here: Path, fakes: list[FakeRun], monkeypatch: pytest.MonkeyPatch, mode: str
+) -> None:
+    command = (*TINY, "tracker=wandb", f"tracker.mode={mode}")
+    call(*command, "hydra.run.dir=whole").must_work()
+    with monkeypatch.context() as patch:
+        interrupt_after(10, patch)
+        assert call(*command, "hydra.run.dir=run").code == 130
+    call("resume=run").must_work()
+    whole, first, second = fakes
+    assert first.settings["id"] == second.settings["id"] != whole.settings["id"]
+    assert second.settings["resume"] == ("allow" if mode == "online" else None)
+    assert second.numbers == whole.numbers
+    assert second.logged == whole.logged
+    assert first.logged == whole.logged[: len(first.logged)]
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("no_figures")
+def test_offline_files_after_a_resume_are_those_of_one_run(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with monkeypatch.context() as patch:
+        interrupt_after(10, patch)
+        assert call(*TINY, "tracker=wandb", "hydra.run.dir=run").code == 130
+    call("resume=run").must_work()
+    identifier = yaml.safe_load((here / "run" / "run.yaml").read_text())["id"]
+    (record,) = (here / "run" / "wandb").glob("offline-run-*/run-*.wandb")
+    assert record.name == f"run-{identifier}.wandb"
+    text = record.read_bytes()
+    for name in (b"data/feasible_share", b"loss/train"):
+        assert text.count(name) >= 3, "steps 0, 1 and 2"
+    assert text.count(b"regret/tallest") >= 2
+
+
+@pytest.mark.usefixtures("no_figures")
+def test_after_a_correction_it_is_another_run(here: Path, fakes: list[FakeRun]) -> None:
+    """What was shown of the old label cannot be taken back there."""
+    call(*TINY, "tracker=wandb", "hydra.run.dir=run").must_work()
+    stood = pd.read_parquet(here / "run" / "towers.parquet")["label"].iloc[1] == 1
+    call("run=run", "tower=0", f"labels={'10' if stood else '11'}", command="apf.relabel").must_work()
+    call("resume=run").must_work()
+    first, second = fakes
+    assert second.settings["id"] == f"{first.settings['id']}-1"
+    assert {figures["step"] for figures in second.logged} == {0, 1, 2}
+
+
+@pytest.mark.usefixtures("no_figures")
+def test_failing_in_the_middle_costs_the_mirror_only(
+    here: Path, fakes: list[FakeRun], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    log = FakeRun.log
+
+    def failing(self: FakeRun, figures: dict[str, float], step: int) -> None:
+        if step > 1:
+            raise OSError("the network is down")
+        log(self, figures, step)
+
+    monkeypatch.setattr(FakeRun, "log", failing)
+    result = call(*TINY, "tracker=wandb", "hydra.run.dir=run").must_work()
+    assert result.err.count("going on without it: the network is down") == 1
+    assert len(fakes[0].logged) == 2
+
+
+@pytest.mark.usefixtures("no_figures")
+def test_unreachable_costs_the_mirror_only(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def unreachable(**settings: Any) -> None:
+        raise wandb.errors.CommError("Run initialization has timed out")
+
+    monkeypatch.setattr(wandb, "init", unreachable)
+    result = call(*TINY, "tracker=wandb", "tracker.mode=online", "hydra.run.dir=run").must_work()
+    assert result.err.count("going on without it: Run initialization has timed out") == 1

@@ -26,7 +26,7 @@ def installed(once: Callable) -> Path:
     def make(folder: Path) -> Result:
         source = folder / "source"
         source.mkdir()
-        for name in ("apf", "conf"):
+        for name in ("apf", "conf", "hydra_plugins"):
             shutil.copytree(REPOSITORY / name, source / name, ignore=shutil.ignore_patterns("__pycache__"))
         for name in ("pyproject.toml", "README.md"):
             shutil.copy(REPOSITORY / name, source / name)
@@ -48,7 +48,8 @@ def test_the_wheel_holds_the_package_and_every_config(installed: Path) -> None:
     with zipfile.ZipFile(wheel) as archive:
         names = {name for name in archive.namelist() if not name.startswith("apf-")}
     configs = {f"apf/conf/{path.relative_to(CONF)}" for path in CONF.rglob("*.yaml")}
-    code = {str(path.relative_to(REPOSITORY)) for path in (REPOSITORY / "apf").rglob("*.py")}
+    packages = [REPOSITORY / name for name in ("apf", "hydra_plugins")]
+    code = {str(path.relative_to(REPOSITORY)) for package in packages for path in package.rglob("*.py")}
     assert names == configs | code
 
 

@@ -1,0 +1,17 @@
+"""Mirrors of a run: the terminal and Weights & Biases. The run directory is the truth; these only show it."""
+
+from apf.tracking.base import Figures, NoTracker, Phase, RunInfo, Tracker, Trackers
+from apf.tracking.console import ConsoleTracker, log_end
+from apf.tracking.weights_and_biases import WandbTracker
+
+__all__ = [
+    "ConsoleTracker",
+    "Figures",
+    "NoTracker",
+    "Phase",
+    "RunInfo",
+    "Tracker",
+    "Trackers",
+    "WandbTracker",
+    "log_end",
+]

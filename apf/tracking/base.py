@@ -1,0 +1,109 @@
+"""What a mirror of a run is told."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+from pathlib import Path
+from typing import Any
+
+from apf.settings import settings
+
+
+class Phase(IntEnum):
+    """What was done of a step, in the order in which it is done."""
+
+    EXECUTED = 0
+    LEARNED = 1
+    EVALUATED = 2
+
+
+@dataclass(frozen=True)
+class Figures:
+    """What is to be shown of one phase of a step: numbers by name, and how many towers were labelled by then."""
+
+    step: int
+    phase: Phase
+    towers: int
+    metrics: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class RunInfo:
+    """What a mirror should know of a run when it starts, or goes on.
+
+    id: the same however often the run goes on, until a label is corrected. group: the sweep that it belongs to, or
+    None. history: all that was shown of it before.
+    """
+
+    name: str
+    id: str
+    directory: Path
+    config: dict[str, Any]
+    group: str | None
+    history: Sequence[Figures]
+
+
+class Tracker(ABC):
+    """Shows the progress of one run. Used as a context: it ends when the run does, however that is."""
+
+    @abstractmethod
+    def start(self, run: RunInfo) -> None:
+        """The run begins, or goes on."""
+
+    def phase(self, step: int, steps: int, what: str) -> None:  # noqa: B027
+        """Now doing `what`, in step `step` of `steps`."""
+
+    def detail(self, what: str) -> None:  # noqa: B027
+        """Within the phase, now doing `what`."""
+
+    @abstractmethod
+    def log(self, figures: Figures) -> None:
+        """A phase of a step is done."""
+
+    @abstractmethod
+    def finish(self, failed: bool) -> None:
+        """The run ended."""
+
+
+@settings
+class NoTracker(Tracker):
+    """Mirrors nothing."""
+
+    def start(self, run: RunInfo) -> None: ...
+
+    def log(self, figures: Figures) -> None: ...
+
+    def finish(self, failed: bool) -> None: ...
+
+
+class Trackers(Tracker):
+    """Several mirrors as one."""
+
+    def __init__(self, trackers: Sequence[Tracker]) -> None:
+        self.trackers = trackers
+
+    def start(self, run: RunInfo) -> None:
+        """Start each."""
+        for tracker in self.trackers:
+            tracker.start(run)
+
+    def phase(self, step: int, steps: int, what: str) -> None:
+        """Tell each."""
+        for tracker in self.trackers:
+            tracker.phase(step, steps, what)
+
+    def detail(self, what: str) -> None:
+        """Tell each."""
+        for tracker in self.trackers:
+            tracker.detail(what)
+
+    def log(self, figures: Figures) -> None:
+        """Tell each."""
+        for tracker in self.trackers:
+            tracker.log(figures)
+
+    def finish(self, failed: bool) -> None:
+        """Finish each."""
+        for tracker in self.trackers:
+            tracker.finish(failed)

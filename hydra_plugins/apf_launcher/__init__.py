@@ -1,0 +1,37 @@
+"""Where Hydra finds the launcher of sweeps: it takes launchers from this namespace package only.
+
+Kept light: every Hydra application that is installed beside this one imports it.
+"""
+
+from collections.abc import Sequence
+
+from hydra.core.utils import JobReturn
+from hydra.plugins.launcher import Launcher
+from hydra.types import HydraContext, TaskFunction
+from omegaconf import DictConfig
+
+
+class SweepLauncher(Launcher):
+    """Runs what is missing of a sweep, each run in a process of its own, and says at the end what came of each.
+
+    engine: one of Hydra's other launchers, to hand the runs to; None: `jobs` of them at once on this machine.
+    """
+
+    def __init__(self, jobs: int | str = "auto", engine: Launcher | None = None) -> None:
+        self.jobs = jobs
+        self.engine = engine
+
+    def setup(self, *, hydra_context: HydraContext, task_function: TaskFunction, config: DictConfig) -> None:
+        """Called once, before `launch`."""
+        from apf.sweep import run_here
+
+        self.context = hydra_context
+        self.config = config
+        if self.engine is not None:
+            self.engine.setup(hydra_context=hydra_context, task_function=run_here, config=config)
+
+    def launch(self, job_overrides: Sequence[Sequence[str]], initial_job_idx: int) -> Sequence[JobReturn]:
+        """One run for each list of overrides."""
+        from apf.sweep import Sweep
+
+        return Sweep(self.context, self.config, self.jobs, self.engine).run(job_overrides, initial_job_idx)
