@@ -38,7 +38,8 @@ def job(cfg: DictConfig) -> None:
     with locked(directory):
         try:
             begin(directory, plain_config, config.domain)
-            run(directory, plain_config, config, model)
+            with resumable(directory):
+                run(directory, plain_config, config, model)
         except InputError:
             abandon(directory)
             raise
@@ -55,17 +56,16 @@ def run(directory: Path, plain_config: dict[str, Any], config: Config, model: En
     info = RunInfo(state["name"], identifier, directory, plain_config, state["sweep"], experiment.history())
     failed = True
     try:
-        with resumable(directory):
-            if store.journal.torn:
-                print("the last record of the journal was torn: what it held is done again", file=sys.stderr)
-            tracker.start(info)
-            if isinstance(config.predictor, Learned):
-                experiment.run()
-            elif not store.evaluated(0):
-                experiment.evaluate(0, config.predictor)
-            store.export()
-            save_figures(directory)
-            finish(directory, store.journal.seconds)
+        if store.journal.torn:
+            print("the last record of the journal was torn: what it held is done again", file=sys.stderr)
+        tracker.start(info)
+        if isinstance(config.predictor, Learned):
+            experiment.run()
+        elif not store.evaluated(0):
+            experiment.evaluate(0, config.predictor)
+        store.export()
+        save_figures(directory)
+        finish(directory, store.journal.seconds)
         failed = False
     except BaseException as error:
         log_end(error)

@@ -156,7 +156,9 @@ class Suite:
             took = time.monotonic() - begun
             expected = 128 + getattr(signal, fault)
             told = run.said.strip().splitlines()[-1]
-            if code not in (0, expected) or took > 5 or (code and "resume=" not in told):
+            begun_at_all = (folder / "run" / "config.yaml").exists()
+            silent = begun_at_all and "resume=" not in told
+            if code not in (0, expected) or took > 5 or (code and silent):
                 self.report.unclear.append(f"{fault}: exit code {code} after {took:.1f} s: {told}")
             self.resume(fault, folder, run.labels)
             yield f"{fault} {number + 1} of {n}"
