@@ -4,7 +4,7 @@ import json
 import random
 import shutil
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
@@ -21,7 +21,7 @@ from apf.models import Ensemble, Training
 from apf.models.training import fit
 from apf.rng import stream
 from apf.store import Store
-from apf.tracking import RunInfo, Tracker
+from apf.tracking import Figures, RunInfo, Tracker
 from benchmarks import reference as plain
 from benchmarks import reference_learning as plain_learning
 from benchmarks.limits import products_with_weights, replay
@@ -190,8 +190,8 @@ class EpochCounter(Tracker):
 
     def start(self, run: RunInfo) -> None: ...
 
-    def log(self, step: int, towers: int, metrics: Mapping[str, float]) -> None:
-        self.epochs = int(metrics.get("loss/epochs", self.epochs))
+    def log(self, figures: Figures) -> None:
+        self.epochs = int(figures.metrics.get("loss/epochs", self.epochs))
 
     def finish(self, failed: bool) -> None: ...
 
