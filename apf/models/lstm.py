@@ -48,11 +48,12 @@ class LSTMNetwork(EnsembleNetwork):
                 hidden = [torch.cat([fresh, h], 1) for h in hidden]
                 cell = [torch.cat([fresh, c], 1) for c in cell]
             for layer in range(len(self.inputs)):
-                gates = self.states[layer](hidden[layer])
                 if layer == 0:
-                    gates = gates + gates_of[:, block].repeat(1, gates.shape[1] // n, 1)
+                    gates = gates_of[:, block].repeat(1, hidden[0].shape[1] // n, 1)
                 else:
-                    gates = gates + self.inputs[layer](hidden[layer - 1])
+                    gates = self.inputs[layer](hidden[layer - 1])
+                if block < k - 1:  # at the top all states are zero
+                    gates = gates.baddbmm_(hidden[layer], self.states[layer].weight)
                 hidden[layer], cell[layer] = _lstm_cell(gates, cell[layer])
         logits = self.logit(self.readout(hidden[-1]).relu_())
         return logits.view(e, -1, n).transpose(1, 2)
