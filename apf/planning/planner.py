@@ -69,8 +69,8 @@ class MonteCarloPlanner:
 
     candidates: PositiveInt
     """Random plans considered for each problem."""
-    chunk: PositiveInt = 8192
-    """Plans looked at between two decisions which to look at next."""
+    chunk: PositiveInt = 32768
+    """Plans looked at between two decisions which to look at next; at most a third of all candidates."""
 
     def pool(self, candidates: Any, predictor: Predictor, rng: np.random.Generator) -> Pool:
         """The candidates of a problem, for `plan`. A predictor that draws is asked once, for all of them."""
@@ -87,6 +87,7 @@ class MonteCarloPlanner:
         not known can still win. With a good predictor that takes a few thousand of a hundred thousand candidates.
         """
         values = task.value(pool.candidates)
+        chunk = max(1, min(self.chunk, len(values) // 3))
         while True:
             limit = pool.bound * values
             known = pool.known
@@ -94,8 +95,8 @@ class MonteCarloPlanner:
             open_rows = np.flatnonzero(~known & (limit >= best * (1 - TIE)) & (limit > 0))
             if not len(open_rows):
                 break
-            if len(open_rows) > self.chunk:
-                open_rows = open_rows[np.argpartition(-limit[open_rows], self.chunk)[: self.chunk]]
+            if len(open_rows) > chunk:
+                open_rows = open_rows[np.argpartition(-limit[open_rows], chunk)[:chunk]]
             pool.tighten(open_rows)
         near = np.flatnonzero(known & (limit >= best * (1 - TIE))) if best > 0 else np.array([0])
         expected = limit[near]
