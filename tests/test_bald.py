@@ -138,3 +138,8 @@ def test_expected_bald_is_the_weighted_sum_over_prefixes(p):
             total += attempted * (h(mean) - sum(map(h, column)) / members)
             attempted *= mean
         assert expected_bald(p)[plan] == pytest.approx(total, abs=1e-12)
+
+
+def test_any_layout_of_memory_will_do() -> None:
+    p = np.array([[0.1, 0.5], [0.9, 0.5]])
+    np.testing.assert_allclose(bald(p[:, ::-1]), bald(p)[::-1])

@@ -1,12 +1,16 @@
 """How informative is each candidate? The acquisition functions f: A -> R."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from typing import Any, Protocol
 
 import numpy as np
 
 from apf.acquisition.bald import bald, expected_bald
 from apf.settings import settings
+
+CHUNK = 16_384
+"""Plans scored at once: what the members say of them is kept only so long, and memory stays small."""
 
 
 class Model(Protocol):
@@ -30,7 +34,7 @@ class Bald(Score):
     """BALD of the last outcome: of the whole plan under Theta_comp, of the last prefix under Theta_ss."""
 
     def __call__(self, model: Model, plans: Any, rng: np.random.Generator) -> np.ndarray:
-        return bald(model.predict(plans)[..., -1])
+        return _in_chunks(lambda p: bald(p[..., -1]), model, plans)
 
 
 @settings
@@ -38,7 +42,7 @@ class ExpectedBald(Score):
     """BALD summed over all prefixes, each weighted by the chance that it is attempted (Theta_ss only)."""
 
     def __call__(self, model: Model, plans: Any, rng: np.random.Generator) -> np.ndarray:
-        return expected_bald(model.predict(plans))
+        return _in_chunks(expected_bald, model, plans)
 
 
 @settings
@@ -47,3 +51,9 @@ class Random(Score):
 
     def __call__(self, model: Model, plans: Any, rng: np.random.Generator) -> np.ndarray:
         return rng.random(len(plans))
+
+
+def _in_chunks(score: Callable[[np.ndarray], np.ndarray], model: Model, plans: Any) -> np.ndarray:
+    """[N] the score of what the members predict."""
+    starts = range(0, max(len(plans), 1), CHUNK)
+    return np.concatenate([score(model.predict(plans[start : start + CHUNK])) for start in starts])
