@@ -20,6 +20,7 @@ from apf.data import Labelled
 from apf.errors import InputError
 from apf.files import checksum, replacing
 from apf.journal import Journal, Record
+from apf.planning.evaluation import ACCURACY_COLUMNS, REGRET_COLUMNS
 from apf.tables import write_table
 from apf.towers import TowerDomain
 
@@ -27,8 +28,6 @@ SYMBOL = {1: "1", 0: "0", -1: "-"}
 """How the journal writes labels, one character for each prefix: stood, fell, not attempted."""
 VALUE = {symbol: label for label, symbol in SYMBOL.items()}
 
-REGRET = ("step", "towers", "task", "problem", "value", "best_value", "regret", "feasible")
-ACCURACY = ("step", "towers", "length", "accuracy", "n")
 DTYPES = {
     **dict.fromkeys(("step", "towers", "problem", "length", "n"), "int64"),
     **dict.fromkeys(("value", "best_value", "regret", "accuracy"), "float64"),
@@ -218,15 +217,15 @@ class Store:
 
     def regret(self) -> pd.DataFrame:
         """All evaluations so far, in the columns of `regret.parquet`."""
-        return self._evaluation_table("regret", REGRET)
+        return self._evaluation_table("regret", REGRET_COLUMNS)
 
     def accuracy(self) -> pd.DataFrame:
         """All evaluations so far, in the columns of `accuracy.parquet`."""
-        return self._evaluation_table("accuracy", ACCURACY)
+        return self._evaluation_table("accuracy", ACCURACY_COLUMNS)
 
-    def _evaluation_table(self, name: str, columns: Sequence[str]) -> pd.DataFrame:
+    def _evaluation_table(self, name: str, columns: list[str]) -> pd.DataFrame:
         rows = [row for _, record in sorted(self._evaluations.items()) for row in record[name]]
-        table = pd.DataFrame(rows, columns=list(columns))
+        table = pd.DataFrame(rows, columns=columns)
         return table.astype({column: dtype for column, dtype in DTYPES.items() if column in columns})
 
     def towers(self) -> pd.DataFrame:

@@ -221,7 +221,7 @@ class Suite:
         for number in range(n):
             limit = round(size * (number + 0.5) / n)
             folder = self.folder()
-            run = Run(START, folder, lambda limit=limit: plant_limit(limit))  # type: ignore[misc]
+            run = Run(START, folder, lambda limit=limit: plant_limit(limit))
             run.wait()
             self.stopped("full disk", run, "cannot be written") if run.code else None
             self.resume("full disk", folder, run.labels)
@@ -232,7 +232,7 @@ class Suite:
         for number in towers:
             for fault, fail, words in WORLDS:
                 folder = self.folder()
-                run = Run((*START, "execution.time_limit=0.5"), folder, lambda f=fail, n=number: plant_world(f, n))  # type: ignore[misc]
+                run = Run((*START, "execution.time_limit=0.5"), folder, lambda f=fail, n=number: plant_world(f, n))
                 run.wait()
                 if words:
                     self.stopped(fault, run, *words, f"tower {number}", "resume=")
@@ -292,9 +292,9 @@ def plant_world(fail: Callable[[], object], number: int) -> None:
     execute, calls = NoisyWorld.execute, iter(range(1000))
 
     def failing(*args: object) -> object:
-        return fail() if next(calls) == number else execute(*args)  # type: ignore[arg-type]
+        return fail() if next(calls) == number else execute(*args)
 
-    NoisyWorld.execute = failing  # type: ignore[method-assign, assignment]
+    NoisyWorld.execute = failing
 
 
 def contents(run: Path) -> dict[str, bytes]:

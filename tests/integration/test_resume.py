@@ -91,7 +91,7 @@ def test_resume_of_nothing(here: Path, arguments: tuple[str, ...], words: tuple[
 def test_ctrl_c_says_how_to_go_on(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for number, code in ((signal.SIGINT, 130), (signal.SIGTERM, 143)):
         with monkeypatch.context() as patch:
-            stop_after(2, patch, lambda n=number: signal.raise_signal(n))  # type: ignore[misc]
+            stop_after(2, patch, lambda n=number: signal.raise_signal(n))
             result = call(*TINY, f"hydra.run.dir=run{code}")
         assert result.code == code
         assert last_line(result) == f"interrupted; go on with: python -m apf.main resume={here / f'run{code}'}"
