@@ -1,6 +1,6 @@
 """What experiments teach: plans, the labels of their prefixes, and how a model kind reads them."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, Protocol
@@ -47,7 +47,7 @@ class Domain(Protocol):
 
     def features(self, plans: Any) -> np.ndarray: ...
 
-    def symmetries(self, plans: Any) -> Any: ...
+    def views(self, plans: Any) -> Iterable[np.ndarray]: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +73,7 @@ class Examples:
 
 
 def examples(labelled: Sequence[Labelled], kind: Kind, domain: Domain) -> list[Examples]:
-    """All examples that the labelled plans hold for a model of this kind, augmented by the domain's symmetries.
+    """All examples that the labelled plans hold for a model of this kind, from all sides that the domain knows.
 
     For Theta_ss a plan is cut where it fell: what was never attempted teaches nothing, and every prefix of what
     remains has a label. For Theta_comp it keeps its length and has one label: whether all of it stood.
@@ -87,8 +87,8 @@ def examples(labelled: Sequence[Labelled], kind: Kind, domain: Domain) -> list[E
             labels = group.labels[rows]
             y = (labels == 1).all(1)[:, None] if whole else labels[:, 1:length] == 1
             plans = group.plans[rows].prefix(length)
-            for view in domain.symmetries(plans):
-                parts.setdefault(int(length), []).append(Examples(domain.features(view), y.astype(np.float32)))
+            for view in domain.views(plans):
+                parts.setdefault(int(length), []).append(Examples(view, y.astype(np.float32)))
     return [
         Examples(np.concatenate([p.x for p in part]), np.concatenate([p.y for p in part]))
         for _, part in sorted(parts.items())

@@ -128,12 +128,7 @@ class Experiment:
             history = self.model.fit(train, validation, stream(self.seed, "train", step))
         except FloatingPointError as error:
             raise Stopped(f"training diverged in step {step}: {error}; try a lower training.learning_rate") from None
-        train_loss, validation_loss = history.best_losses
-        losses = {
-            f"loss/{TRAIN}": train_loss,
-            f"loss/{VALIDATION}": validation_loss,
-            "loss/epochs": len(history.train_loss),
-        }
+        losses = {f"loss/{name}": loss for name, loss in history.kept_losses.items()}
         self.store.record_training(step, losses)
         self.tracker.log(Figures(step, Phase.LEARNED, self.store.count(until=step), losses))
 

@@ -37,7 +37,7 @@ from benchmarks.forks import PHASES, Run
 
 TINY = (
     *("tracker=none", "device=cpu", "towers=12", "initial.train=4", "initial.validation=4"),
-    *("acquisition.towers=2", "acquisition.validation=1", "training.max_epochs=1"),
+    *("acquisition.towers=2", "acquisition.validation=1", "training.updates=3"),
     *("model.members=2", "model.network.hidden=8", "sampler.candidates.n=50", "planner.candidates=64"),
     *("evaluation.every=1", "evaluation.problems=1", "evaluation.blocks=2"),
     *("evaluation.lengths=[2]", "evaluation.test_towers=4"),

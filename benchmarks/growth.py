@@ -145,7 +145,7 @@ def prepare_training(size: dict[str, int], weights: str) -> Callable[[], object]
     from apf.rng import stream
     from benchmarks.setting import FULL, SEED, Setting
 
-    setting = Setting(replace(FULL, labelled=size["towers"], max_epochs=size["towers"] // 4))
+    setting = Setting(replace(FULL, labelled=size["towers"]))
     ensemble = setting.ensemble(f"model.members={size['members']}")
 
     def run() -> None:
@@ -159,17 +159,16 @@ def prepare_epoch(size: dict[str, int], weights: str) -> Callable[[], object]:
     """One epoch on towers of one length that were labelled at every prefix, each seen from four sides."""
     import numpy as np
 
-    from apf.data import Examples, Labelled, examples
+    from apf.data import Labelled, examples
     from apf.models.training import fit
-    from benchmarks.learning import changed, new_generators
+    from benchmarks.learning import epoch_of, new_generators
 
     setting, ensemble = _ensemble(size)
     plans = setting.random_towers("growth", size["towers"], size["length"])
     labels = np.ones((size["towers"], size["length"]), np.int8)
     train = examples([Labelled(plans, labels)], ensemble.kind, ensemble.domain)
-    nearly_none = [Examples(train[0].x[:1], train[0].y[:1])]
-    one_epoch, generators = changed(ensemble.training, max_epochs=1), new_generators(ensemble)
-    return lambda: fit(ensemble.network, train, nearly_none, one_epoch, *generators)
+    one_epoch, generators = epoch_of(ensemble.training, train), new_generators(ensemble)
+    return lambda: fit(ensemble.network, train, [], one_epoch, *generators)
 
 
 def prepare_bald(size: dict[str, int], weights: str) -> Callable[[], object]:

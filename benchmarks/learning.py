@@ -14,14 +14,14 @@ from torch import Tensor, nn
 from torch.nn.functional import binary_cross_entropy_with_logits
 
 from apf.acquisition import Scored
-from apf.data import Examples, Labelled, examples
+from apf.data import Examples, Labelled
 from apf.experiment import TRAIN, VALIDATION, Experiment
 from apf.main import make_experiment, make_model
 from apf.models import Ensemble, Training
-from apf.models.training import fit
+from apf.models.training import batches_of, fit
 from apf.rng import stream
 from apf.store import Store
-from apf.tracking import Figures, RunInfo, Tracker
+from apf.tracking import NoTracker
 from benchmarks import reference as plain
 from benchmarks import reference_learning as plain_learning
 from benchmarks.limits import products_with_weights, replay
@@ -33,14 +33,13 @@ def epoch(setting: Setting, model: str, target: Target) -> Case:
     """One epoch of training on all labelled towers."""
     ensemble = setting.ensemble(f"model={model}")
     train = setting.examples()
-    nearly_none = [Examples(train[0].x[:1], train[0].y[:1])]  # for validation, which is not timed here
-    one_epoch = changed(ensemble.training, max_epochs=1)
+    one_epoch = epoch_of(ensemble.training, train)
     generators = new_generators(ensemble)
     samples = plain_samples(setting.labelled)
     check_training(ensemble, train, samples)
 
     def ours() -> None:
-        fit(ensemble.network, train, nearly_none, one_epoch, *generators)
+        fit(ensemble.network, train, [], one_epoch, *generators)
 
     fraction = setting.sizes.members_reference
     members = plain_members(ensemble)[:fraction]
@@ -93,8 +92,8 @@ def check_training(ensemble: Ensemble, train: list[Examples], samples: plain_lea
         for name, gradient in plain_learning.plain_names({n: g[e] for n, g in gradients.items()}).items():
             torch.testing.assert_close(plain_gradients[name], gradient, rtol=1e-3, atol=1e-6)
     network.zero_grad()
-    standing_still = changed(ensemble.training, max_epochs=1, learning_rate=1e-12)
-    history = fit(network, batch, batch[:1], standing_still, *new_generators(ensemble))
+    standing_still = changed(epoch_of(ensemble.training, batch), learning_rate=1e-12)
+    history = fit(network, batch, [], standing_still, *new_generators(ensemble))
     np.testing.assert_allclose(history.train_loss[0], loss.detach().numpy(), rtol=1e-4)
 
 
@@ -102,12 +101,12 @@ def acquisition(setting: Setting) -> Case:
     """Train to convergence, propose, label, record: one turn of the loop, done by the experiment itself."""
     sizes = setting.sizes
     cfg, config = setting.config(f"towers={sizes.labelled + setting.default.acquisition.towers}")
-    ensemble, counter = make_model(cfg, config), EpochCounter()
+    ensemble = make_model(cfg, config)
 
     def prepared() -> Experiment:
         store = Store(Path(tempfile.mkdtemp(prefix="benchmark")), config.domain)
         record_labelled(store, *setting.split)
-        return make_experiment(config, ensemble, store, counter)
+        return make_experiment(config, ensemble, store, NoTracker())
 
     def ours(experiment: Experiment) -> None:
         experiment.learn(0)
@@ -117,26 +116,25 @@ def acquisition(setting: Setting) -> Case:
         shutil.rmtree(experiment.store.directory)
 
     ours(prepared())
-    train, validation = (examples(part, ensemble.kind, config.domain) for part in setting.split)
-    one_epoch, generators = changed(ensemble.training, max_epochs=1), new_generators(ensemble)
-    of_epoch = products_with_weights(
-        ensemble.network, lambda: fit(ensemble.network, train, validation, one_epoch, *generators)
-    )
+    train = setting.examples()
+    one_epoch, generators = epoch_of(ensemble.training, train), new_generators(ensemble)
+    epochs = ensemble.training.updates / one_epoch.updates
+    of_epoch = products_with_weights(ensemble.network, lambda: fit(ensemble.network, train, [], one_epoch, *generators))
     of_proposal = products_with_weights(
         ensemble.network,
         lambda: config.sampler.propose(ensemble, config.domain, [], config.acquisition.towers, stream(SEED, "propose")),
     )
-    e, epochs = ensemble.members, plain_learning.EPOCHS
+    e, plain_epochs = ensemble.members, plain_learning.EPOCHS
     return Case(
         f"a whole acquisition at {sizes.labelled} towers",
         unit="acquisitions",
         amount=1,
         ours=Timed(ours, setup=prepared),
         reference=plain_acquisition(setting, plain_members(ensemble)),
-        limit=[Timed(replay(of_epoch), counter.epochs), Timed(replay(of_proposal))],
+        limit=[Timed(replay(of_epoch), epochs), Timed(replay(of_proposal))],
         target=Target(ratio=12),
-        note=f"TGN; ours trains {counter.epochs} epochs, until no member's validation loss falls any more; reference: "
-        f"{epochs} epochs x {e} members, of which {sizes.epochs_reference} x {sizes.members_reference} are timed, and "
+        note=f"TGN; ours trains {epochs:.0f} epochs; reference: {plain_epochs} epochs x {e} members, of which "
+        f"{sizes.epochs_reference} x {sizes.members_reference} are timed, and "
         f"{sizes.candidates_reference} of {sizes.candidates:,} candidates; scaled",
         repetitions=sizes.acquisitions,
     )
@@ -183,19 +181,6 @@ def record_labelled(store: Store, train: Sequence[Labelled], validation: Sequenc
         store.record(number, outcome)
 
 
-class EpochCounter(Tracker):
-    """Notes how many epochs the last training took."""
-
-    epochs = 0
-
-    def start(self, run: RunInfo) -> None: ...
-
-    def log(self, figures: Figures) -> None:
-        self.epochs = int(figures.metrics.get("loss/epochs", self.epochs))
-
-    def finish(self, failed: bool) -> None: ...
-
-
 def plain_members(ensemble: Ensemble) -> list[nn.Module]:
     """The ensemble's members as plain modules of the same weights."""
     return plain_learning.plain_members(ensemble.network, ensemble.domain.n_features, ensemble.domain.n_position)
@@ -210,6 +195,11 @@ def plain_towers(labelled: Sequence[Labelled]) -> tuple[list[plain.Tower], list[
 def plain_samples(labelled: Sequence[Labelled]) -> plain_learning.Samples:
     """What the reference learns from."""
     return plain_learning.prefix_samples(*plain_towers(labelled))
+
+
+def epoch_of(training: Training, train: Sequence[Examples]) -> Training:
+    """The same settings, but for one pass over these examples."""
+    return changed(training, updates=sum(batches_of(len(part), part.y.shape[1], training.batch) for part in train))
 
 
 def changed(training: Training, **values: float) -> Training:

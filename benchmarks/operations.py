@@ -128,12 +128,12 @@ def label_case(setting: Setting, title: str, towers: Towers, what: str) -> Case:
 
 def rotations(setting: Setting) -> Case:
     """Towers as seen from four sides, with all that a network is told about: sides, centres of mass, positions."""
-    domain, n, fraction = setting.default.domain, setting.sizes.towers, setting.sizes.towers_reference // 2
+    n, fraction = setting.sizes.towers, setting.sizes.towers_reference // 2
     towers = setting.random_towers("towers", n)
     some = plain.tower_list(towers[:fraction])
 
     def views(towers: Towers) -> list[Towers]:
-        turned = list(domain.symmetries(towers))
+        turned = [towers.turned(quarters) for quarters in range(4)]
         for view in turned:
             _ = view.dims, view.com
         return turned

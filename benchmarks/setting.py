@@ -31,8 +31,8 @@ class Sizes:
     """Labelled towers to learn from."""
     members_reference: int
     epochs_reference: int
-    max_epochs: int
-    """Of a training to convergence."""
+    updates: int
+    """Of a training from scratch."""
     candidates: int
     """Of an acquisition."""
     candidates_reference: int
@@ -48,7 +48,7 @@ FULL = Sizes(
     labelled=400,
     members_reference=2,
     epochs_reference=2,
-    max_epochs=100,
+    updates=1000,
     candidates=10_000,
     candidates_reference=640,
     plan_candidates=100_000,
@@ -61,7 +61,7 @@ QUICK = Sizes(
     labelled=100,
     members_reference=1,
     epochs_reference=1,
-    max_epochs=25,
+    updates=250,
     candidates=2_000,
     candidates_reference=128,
     plan_candidates=20_000,
@@ -78,7 +78,8 @@ class Setting:
     def config(self, *overrides: str) -> tuple[DictConfig, Config]:
         """The config composed and checked."""
         sizes = [
-            f"training.max_epochs={self.sizes.max_epochs}",
+            f"training.updates={self.sizes.updates}",
+            "domain.mirror=false",  # the reference has the four sides alone
             f"sampler.candidates.n={self.sizes.candidates}",
             f"planner.candidates={self.sizes.plan_candidates}",
             "tracker=none",
@@ -111,7 +112,7 @@ class Setting:
 
     @cached_property
     def trained(self) -> Ensemble:
-        """The default ensemble, trained to convergence on the labelled towers."""
+        """The default ensemble, trained on the labelled towers."""
         ensemble = make_model(*self.config())
         ensemble.fit(*self.split, stream(SEED, "train"))
         return ensemble

@@ -35,7 +35,7 @@ LOOSELY_FOR_A_PLAN = 20
 @pytest.fixture(scope="module")
 def setting() -> Setting:
     """The default config in sizes of a few seconds."""
-    return Setting(replace(QUICK, labelled=40, max_epochs=3, candidates=100, plan_candidates=300))
+    return Setting(replace(QUICK, labelled=40, updates=30, candidates=100, plan_candidates=300))
 
 
 @pytest.fixture(scope="module")

@@ -12,6 +12,7 @@ from apf.towers import (
     BlockSet,
     BlockSource,
     Offset,
+    TowerDomain,
     Towers,
     features,
     random_extensions,
@@ -241,13 +242,25 @@ class TestTowerDomain:
         rows = [domain.evaluation_blocks.name.index(name) for name in problem.blocks.name]
         np.testing.assert_array_equal(problem.blocks.dims, domain.evaluation_blocks.dims[rows])
 
-    def test_symmetries_are_the_four_sides(self, domain):
+    def test_views_are_the_four_sides_each_followed_by_its_mirror_image(self, domain):
         plans = domain.random_plans(3, 4, rng_of(0))
-        views = list(domain.symmetries(plans))
+        views = list(domain.views(plans))
+        assert len(views) == 8
+        np.testing.assert_array_equal(views[0], domain.features(plans))
+        for axes in (slice(1, 3), slice(4, 6), slice(7, 9)):  # centres of mass, sides, positions
+            x, y = np.moveaxis(views[0][..., axes], -1, 0)
+            flip = 1 if axes.start == 4 else -1  # sides have no sign
+            sides = [(x, y), (flip * y, x), (flip * x, flip * y), (y, flip * x)]
+            for number, (vx, vy) in enumerate(sides):
+                np.testing.assert_allclose(views[2 * number][..., axes], np.stack([vx, vy], -1), atol=1e-6)
+                np.testing.assert_allclose(views[2 * number + 1][..., axes], np.stack([flip * vx, vy], -1), atol=1e-6)
+        for view in views:
+            np.testing.assert_array_equal(view[..., [0, 3, 6, 9]], views[0][..., [0, 3, 6, 9]])
+
+    def test_without_mirror_there_are_four(self):
+        domain = TowerDomain(mirror=False)
+        views = list(domain.views(domain.random_plans(2, 3, rng_of(0))))
         assert len(views) == 4
-        x, y = np.moveaxis(plans.xy, -1, 0)
-        for view, (vx, vy) in zip(views, [(x, y), (-y, x), (-x, -y), (y, -x)], strict=True):
-            np.testing.assert_array_equal(view.xy, np.stack([vx, vy], -1))
 
     @given(seed=seeds, length=st.integers(1, 6))
     def test_decode_gives_back_what_encode_was_given(self, domain, seed, length):

@@ -1,6 +1,8 @@
-"""Training an ensemble: examples, early stopping, determinism, learning at all."""
+"""Training an ensemble: examples, batches, what is kept, determinism, learning at all."""
 
+from dataclasses import replace
 from functools import partial
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -10,8 +12,9 @@ import torch
 from apf.data import Kind, Labelled, examples
 from apf.models import Ensemble, EnsembleNetwork, EnsembleSettings, LSTMNetwork, TowersGraphNetwork, Training
 from apf.models import training as training_module
-from apf.models.training import _batches, fit, validation_loss
-from apf.towers import TowerDomain, standing_prefixes
+from apf.models.training import CHECK, _batches, batches_of, fit, validation_loss
+from apf.towers import TowerDomain, Towers, random_towers, standing_prefixes
+from apf.towers.features import features, mirrored
 from apf.worlds import AnalyticWorld
 
 DOMAIN = TowerDomain()
@@ -24,17 +27,21 @@ def labelled(length: int, n: int, seed: int) -> Labelled:
 
 def ensemble(kind: Kind = Kind.SUBSEQUENCE, members: int = 3, **training: float) -> Ensemble:
     settings = EnsembleSettings(members=members, network=partial(TowersGraphNetwork, hidden=16))
-    return Ensemble(settings, kind, DOMAIN, Training(**({"max_epochs": 4} | training)), torch.device("cpu"))
+    return Ensemble(settings, kind, DOMAIN, Training(**({"updates": 20} | training)), torch.device("cpu"))
 
 
 def test_a_subsequence_model_learns_from_every_attempted_prefix() -> None:
     plans = DOMAIN.random_plans(4, 3, np.random.default_rng(0))
     labels = np.array([[1, 1, 0, -1], [1, 0, -1, -1], [1, 1, 1, 1]], np.int8)
     by_length = {e.x.shape[1]: e for e in examples([Labelled(plans, labels)], Kind.SUBSEQUENCE, DOMAIN)}
-    assert {length: len(e) for length, e in by_length.items()} == {2: 4, 3: 4, 4: 4}  # each seen from four sides
-    assert by_length[2].y.tolist() == [[0.0]] * 4
-    assert by_length[3].y.tolist() == [[1.0, 0.0]] * 4
-    assert by_length[4].y.tolist() == [[1.0, 1.0, 1.0]] * 4
+    assert {length: len(e) for length, e in by_length.items()} == {
+        2: 8,
+        3: 8,
+        4: 8,
+    }  # each seen from four sides, and mirrored
+    assert by_length[2].y.tolist() == [[0.0]] * 8
+    assert by_length[3].y.tolist() == [[1.0, 0.0]] * 8
+    assert by_length[4].y.tolist() == [[1.0, 1.0, 1.0]] * 8
     np.testing.assert_array_equal(by_length[2].x[0], DOMAIN.features(plans)[1, :2])
 
 
@@ -42,20 +49,31 @@ def test_a_complete_model_learns_one_label_of_the_whole_plan() -> None:
     plans = DOMAIN.random_plans(3, 2, np.random.default_rng(0))
     labels = np.array([[1, 0, -1], [1, 1, 1]], np.int8)
     (only,) = examples([Labelled(plans, labels)], Kind.COMPLETE, DOMAIN)
-    assert only.x.shape == (8, 3, DOMAIN.n_features)
-    assert only.y.tolist() == [[0.0], [1.0]] * 4
+    assert only.x.shape == (16, 3, DOMAIN.n_features)
+    assert only.y.tolist() == [[0.0], [1.0]] * 8
 
 
-def test_augmentation_turns_the_tower_and_keeps_its_labels() -> None:
-    group = labelled(3, 50, 1)
-    for view in DOMAIN.symmetries(group.plans):
-        np.testing.assert_array_equal(standing_prefixes(view), standing_prefixes(group.plans))
+@pytest.mark.parametrize("quarters", range(4))
+def test_a_turned_tower_keeps_its_labels(quarters: int) -> None:
+    plans = labelled(3, 50, 1).plans
+    np.testing.assert_array_equal(standing_prefixes(plans.turned(quarters)), standing_prefixes(plans))
+
+
+def test_a_mirrored_tower_keeps_its_labels() -> None:
+    """The mirror image of a tower: that of its blocks, which are no blocks of the set, at mirrored positions."""
+    blocks, mirror = DOMAIN.training_blocks, np.array([-1.0, 1.0, 1.0])
+    plans = random_towers(blocks, 3, 50, np.random.default_rng(1))
+    upright = Towers(blocks, plans.block, np.zeros_like(plans.rotation), plans.xy)
+    image = Towers(replace(blocks, com=blocks.com * mirror), upright.block, upright.rotation, upright.xy * mirror[:2])
+    np.testing.assert_array_equal(standing_prefixes(image), standing_prefixes(upright))
+    np.testing.assert_allclose(features(image), mirrored(features(upright)), atol=1e-6)
 
 
 def test_batches_hold_every_example_once_and_about_as_many_labels_each() -> None:
     generators = [torch.Generator().manual_seed(seed) for seed in range(2)]
     pairs, triples = (torch.zeros(40, 2, 10), torch.zeros(40, 1)), (torch.zeros(24, 3, 10), torch.zeros(24, 2))
-    batches = list(_batches([pairs, triples], 8, generators, torch.Generator()))
+    epoch = batches_of(40, 1, 8) + batches_of(24, 2, 8)
+    batches = list(islice(_batches([pairs, triples], 8, generators, torch.Generator()), epoch))
     assert [rows.shape for x, _, rows in batches if x is pairs[0]] == [(2, 8)] * 5
     assert [rows.shape for x, _, rows in batches if x is triples[0]] == [(2, 4)] * 6
     assert len({x.shape[1] for x, _, _ in batches[:5]}) == 2  # the lengths come in random order
@@ -67,7 +85,7 @@ def test_batches_hold_every_example_once_and_about_as_many_labels_each() -> None
 
 def test_a_batch_is_never_empty() -> None:
     batches = _batches([(torch.zeros(2, 5, 10), torch.zeros(2, 4))], 1, [torch.Generator()], torch.Generator())
-    assert [rows.shape for *_, rows in batches] == [(1, 1)] * 2
+    assert [rows.shape for *_, rows in islice(batches, 5)] == [(1, 1)] * 5
 
 
 def test_the_same_stream_gives_the_same_weights_and_another_gives_others() -> None:
@@ -80,43 +98,74 @@ def test_the_same_stream_gives_the_same_weights_and_another_gives_others() -> No
     assert not torch.equal(weights[0], weights[2])
 
 
-def test_each_member_keeps_the_weights_of_its_own_best_epoch(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The validation loss is made to be lowest after epoch 1 for member 0 and after epoch 3 for member 1."""
-    fake = torch.tensor([[4.0, 4.0], [1.0, 3.0], [2.0, 2.5], [2.0, 1.0], [2.0, 2.0], [2.0, 2.0], [2.0, 2.0]])
+def test_stopped_early_each_member_keeps_the_weights_of_its_own_best_check(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The validation loss is made to be lowest at check 1 for member 0 and at check 2 for member 1."""
+    fake = torch.tensor([[4.0, 4.0], [1.0, 3.0], [2.0, 1.0], [2.0, 2.0]])
     seen: list[list[torch.Tensor]] = []
 
     def scripted(network: EnsembleNetwork, members: int, groups: object) -> torch.Tensor:
         seen.append([parameter.detach().clone() for parameter in network.parameters()])
-        return fake[len(seen) - 1, -members:]
+        return fake[len(seen) - 1]
 
     monkeypatch.setattr(training_module, "validation_loss", scripted)
-    model = ensemble(members=2, max_epochs=50, patience=3)
+    model = ensemble(members=2, updates=3 * CHECK + 10, early_stopping=True)
     history = model.fit([labelled(2, 20, 1)], [labelled(2, 8, 2)], np.random.default_rng(0))
-    assert history.best_epoch.tolist() == [1, 3]
-    assert [len(weights[0]) for weights in seen] == [2, 2, 2, 2, 2, 1, 1]  # member 0 is out of patience after epoch 4
-    assert np.isnan(history.train_loss[:, 0]).tolist() == [False] * 5 + [True] * 2
-    assert history.best_losses[1] == 1.0
+    assert history.kept.tolist() == [1, 2]
+    assert history.train_loss.shape == (4, 2)  # the last check comes with the last update
+    assert history.kept_losses["validation"] == 1.0
     for number, weight in enumerate(model.network.parameters()):
-        assert torch.equal(weight[0], seen[1][number][0])
-        assert torch.equal(weight[1], seen[3][number][1])
+        for member, check in enumerate([1, 2]):
+            assert torch.equal(weight[member], seen[check][number][member])
 
 
-def test_a_member_trains_the_same_whether_or_not_others_have_stopped() -> None:
+def test_without_early_stopping_all_plans_are_trained_on_and_the_last_weights_kept() -> None:
+    parts = labelled(2, 20, 1), labelled(2, 8, 2)
+    weights = []
+    for train, validation in ((parts[:1], parts[1:]), (parts, ())):
+        model = ensemble(updates=CHECK + 1)
+        history = model.fit(train, validation, np.random.default_rng(0))
+        weights.append([parameter.detach().clone() for parameter in model.network.parameters()])
+    assert history.kept.tolist() == [1, 1, 1]
+    assert list(history.kept_losses) == ["train"]
+    for one, other in zip(*weights, strict=True):
+        torch.testing.assert_close(one, other)
+
+
+def test_what_is_kept_is_a_running_mean_of_the_weights(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without the losses: each update is made to add 1 to every weight."""
+
+    def add_one(network: EnsembleNetwork, x: object, y: object, optimiser: torch.optim.Optimizer) -> torch.Tensor:
+        (weights,) = optimiser.param_groups[0]["params"]
+        weights.data += 1
+        return torch.zeros(len(network.split(weights)[0]))
+
+    monkeypatch.setattr(training_module, "_update", add_one)
+    group = examples([labelled(2, 20, 1)], Kind.SUBSEQUENCE, DOMAIN)
+    for averaging, updates in ((0.0, 7), (0.5, 3), (0.5, 30)):
+        model = ensemble(members=2, averaging=averaging, updates=updates)
+        generators = [torch.Generator().manual_seed(member) for member in range(2)]
+        model.network.reset(generators)
+        starts = [parameter.detach().clone() for parameter in model.network.parameters()]
+        fit(model.network, group, group, model.training, generators, torch.Generator())
+        kept = 0.0
+        for update in range(1, updates + 1):
+            share = min(averaging, update / (update + 9))
+            kept = share * kept + (1 - share) * update
+        for before, after in zip(starts, model.network.parameters(), strict=True):
+            torch.testing.assert_close(after.detach(), before + kept)
+
+
+def test_members_train_the_same_alone_and_together() -> None:
     train, validation = [labelled(3, 40, 1)], [labelled(3, 30, 2)]
-    histories = []
-    for members, patience in (([0, 1, 2], 4), ([0, 1, 2], 40)):
-        model = ensemble(members=3, max_epochs=40, patience=patience)
+    losses = []
+    for members in ([0, 1, 2], [1]):
+        model = ensemble(members=len(members))
         mine = [torch.Generator().manual_seed(member) for member in members]
         model.network.reset(mine)
         parts = (examples(part, Kind.SUBSEQUENCE, DOMAIN) for part in (train, validation))
-        histories.append(fit(model.network, *parts, model.training, mine, torch.Generator()))
-    short, long = histories
-    member = int(short.best_epoch.argmax())
-    stopped = int(np.isfinite(short.validation_loss[:, member]).sum())
-    assert np.isnan(short.validation_loss[: stopped - 1]).any()  # another one stopped before
-    np.testing.assert_allclose(
-        short.validation_loss[:stopped, member], long.validation_loss[:stopped, member], rtol=1e-4
-    )
+        history = fit(model.network, *parts, model.training, mine, torch.Generator())
+        losses.append(history.train_loss[-1, members.index(1)])
+    np.testing.assert_allclose(*losses, rtol=1e-4)
 
 
 def test_validation_loss_is_the_mean_cross_entropy_of_all_labels() -> None:
@@ -173,14 +222,14 @@ def test_a_loss_that_is_not_finite_is_an_error() -> None:
         group.plans.__class__(group.plans.blocks, group.plans.block, group.plans.rotation, group.plans.xy * np.nan),
         group.labels,
     )
-    with pytest.raises(FloatingPointError, match="validation loss"):
+    with pytest.raises(FloatingPointError, match="a loss is nan"):
         model.fit([broken], [group], np.random.default_rng(0))
 
 
 @pytest.mark.parametrize("network", [partial(TowersGraphNetwork, hidden=32), partial(LSTMNetwork, hidden=16, layers=1)])
 def test_it_learns_which_pairs_of_blocks_stand(network: object) -> None:
     settings = EnsembleSettings(members=2, network=network)
-    training = Training(max_epochs=25, patience=25)
+    training = Training(updates=600)
     model = Ensemble(settings, Kind.SUBSEQUENCE, DOMAIN, training, torch.device("cpu"))
     model.fit([labelled(2, 300, 1)], [labelled(2, 60, 2)], np.random.default_rng(0))
     test = labelled(2, 500, 3)

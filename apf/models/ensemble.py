@@ -52,14 +52,16 @@ class Ensemble(Predictor):
         self._one_member = settings.network(members=1, **sizes).to(device)
 
     def fit(self, train: Sequence[Labelled], validation: Sequence[Labelled], rng: np.random.Generator) -> History:
-        """Train all members from scratch, each with its own start, order of examples and early stop.
+        """Train all members from scratch, each with its own start and order of examples.
 
+        Without early stopping the validation plans are trained on, too.
         Raises FloatingPointError if a loss is not finite.
         """
         *generators, turns = (torch_generator(rng) for _ in range(self.members + 1))
         self.network.reset(generators)
-        train_examples = examples(train, self.kind, self.domain)
-        validation_examples = examples(validation, self.kind, self.domain)
+        if not self.training.early_stopping:
+            train, validation = [*train, *validation], []
+        train_examples, validation_examples = (examples(part, self.kind, self.domain) for part in (train, validation))
         return fit(self.network, train_examples, validation_examples, self.training, generators, turns)
 
     def predict(self, plans: Any) -> np.ndarray:

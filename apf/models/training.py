@@ -1,11 +1,14 @@
-"""Training a whole ensemble at once: every member its own order of examples and its own early stop."""
+"""Training a whole ensemble at once: every member its own start and its own order of examples."""
 
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import islice
+from typing import Annotated
 
 import numpy as np
 import torch
-from pydantic import PositiveFloat, PositiveInt
+from pydantic import Field, NonNegativeFloat, PositiveFloat, PositiveInt
 from torch import Tensor, nn
 from torch.nn.functional import binary_cross_entropy_with_logits
 from torch.nn.utils import parameters_to_vector
@@ -14,35 +17,48 @@ from apf.data import Examples
 from apf.models.layers import EnsembleNetwork
 from apf.settings import settings
 
+CHECK = 50
+"""Updates between two looks at the validation loss."""
+
 
 @settings
 class Training:
-    """How the members are fitted (Section Learning): Adam, binary cross-entropy, early stopping."""
+    """How the members are fitted: binary cross-entropy, AdamW, a running mean of the weights.
 
-    learning_rate: PositiveFloat = 5e-3
+    The few plans of a validation set, chosen because they are uncertain, say little about when to stop: members that
+    they stop are underfitted, and lack what these plans teach. So members train for a fixed time on all that is
+    labelled; weight decay and the running mean keep them from overfitting.
+    """
+
+    learning_rate: PositiveFloat = 1e-2
+    weight_decay: NonNegativeFloat = 0.2
+    """Decoupled, as AdamW has it: an update takes learning_rate x weight_decay of each weight."""
     batch: PositiveInt = 64
     """Labels in a batch of one member, about: a batch holds plans of one length."""
-    max_epochs: PositiveInt = 100
-    patience: PositiveInt = 10
-    """A member stops after this many epochs without a lower validation loss, and keeps its best weights."""
+    updates: PositiveInt = 1000
+    averaging: Annotated[float, Field(ge=0, lt=1)] = 0.99
+    """Share of the running mean of weights that an update leaves as it was; 0: no mean."""
+    early_stopping: bool = False
+    """Hold out the validation plans, and keep each member's weights of their lowest loss (Section Learning)?"""
 
 
 @dataclass(frozen=True)
 class History:
-    """What a fit did: mean losses per label [epochs, E], NaN once a member has stopped; best_epoch [E]."""
+    """What a fit did, at C checks: mean losses per label [C, E], of training since the check before.
+
+    validation_loss: NaN without a validation set. kept: [E], the check whose weights each member ended with.
+    """
 
     train_loss: np.ndarray
     validation_loss: np.ndarray
-    best_epoch: np.ndarray
+    kept: np.ndarray
 
     @property
-    def best_losses(self) -> tuple[float, float]:
-        """Training and validation loss of the weights that were kept, means over members."""
-        rows = self.best_epoch[None]
-        train, validation = (
-            np.take_along_axis(loss, rows, 0).mean() for loss in (self.train_loss, self.validation_loss)
-        )
-        return float(train), float(validation)
+    def kept_losses(self) -> dict[str, float]:
+        """Losses of the weights that were kept, means over members: train, and validation if there was a set."""
+        losses = {"train": self.train_loss, "validation": self.validation_loss}
+        means = {name: float(np.take_along_axis(loss, self.kept[None], 0).mean()) for name, loss in losses.items()}
+        return {name: mean for name, mean in means.items() if np.isfinite(mean)}
 
 
 Group = tuple[Tensor, Tensor]
@@ -57,8 +73,9 @@ def fit(
     generators: list[torch.Generator],
     turns: torch.Generator,
 ) -> History:
-    """Train the network in place; each member ends with its weights of the lowest validation loss.
+    """Train the network in place, each member on batches of its own.
 
+    validation: to choose by which weights to keep; if empty, the last are kept.
     generators: one per member, for the order of its examples. turns: for the order of lengths.
     Raises FloatingPointError if a loss is not finite.
     """
@@ -67,34 +84,44 @@ def fit(
     members = len(generators)
     weights = nn.Parameter(parameters_to_vector(network.parameters()))
     network.use(weights)
-    best = weights.detach().clone()
-    best_loss, best_epoch = torch.full((members,), torch.inf), torch.zeros(members, dtype=torch.long)
+    optimiser = torch.optim.AdamW([weights], lr=training.learning_rate, weight_decay=training.weight_decay, fused=True)
+    mean, kept_weights = weights.detach().clone(), torch.empty_like(weights)
+    lowest, kept = torch.full((members,), torch.inf), torch.zeros(members, dtype=torch.long)
     losses: list[np.ndarray] = []
-    active = torch.arange(members)
-    optimiser = torch.optim.Adam([weights], lr=training.learning_rate, fused=True)
-    for epoch in range(training.max_epochs):
-        loss = torch.full((2, members), torch.nan)
-        own = [generators[member] for member in active]
-        loss[0, active] = _epoch(network, train_groups, training.batch, optimiser, own, turns)
-        loss[1, active] = validation_loss(network, len(active), validation_groups).cpu()
-        if not torch.isfinite(loss[1, active]).all():
-            worst = loss[1, active][~torch.isfinite(loss[1, active])][0].item()
-            raise FloatingPointError(f"a validation loss is {worst} after epoch {epoch}")
-        losses.append(loss.numpy())
-        improved = loss[1, active] < best_loss[active]
-        better = active[improved]
-        best_loss[better], best_epoch[better] = loss[1, better], epoch
-        for kept, parameter in zip(network.split(best), network.parameters(), strict=True):
-            kept[better] = parameter.detach()[improved]
-        going = epoch - best_epoch[active] < training.patience
-        if not going.any():
-            break
-        if not going.all():  # members that have stopped cost nothing more
-            active = active[going]
-            optimiser = _keep(going, network, optimiser)
-    network.use(nn.Parameter(best))
-    train_loss, valid_loss = np.stack(losses, 1)
-    return History(train_loss, valid_loss, best_epoch.numpy())
+    train_loss, labels = torch.zeros(members, device=device), 0
+    batches = _batches(train_groups, training.batch, generators, turns)
+    for update, (x, y, rows) in enumerate(islice(batches, training.updates), 1):
+        train_loss += _update(network, x[rows], y[rows], optimiser)
+        labels += rows.shape[1] * y.shape[1]
+        mean.lerp_(weights.detach(), 1 - min(training.averaging, update / (update + 9)))
+        if update % CHECK == 0 or update == training.updates:
+            loss = torch.full((2, members), torch.nan)
+            loss[0] = train_loss / labels
+            if validation:
+                with _weights(weights, mean):
+                    loss[1] = validation_loss(network, members, validation_groups)
+            decisive = loss[1 if validation else 0]
+            if not torch.isfinite(decisive).all():
+                worst = decisive[~torch.isfinite(decisive)][0].item()
+                raise FloatingPointError(f"a loss is {worst} after {update} updates")
+            better = decisive < lowest if validation else torch.ones(members, dtype=torch.bool)
+            lowest[better], kept[better] = decisive[better], len(losses)
+            for ours, theirs in zip(network.split(kept_weights), network.split(mean), strict=True):
+                ours[better] = theirs[better]
+            losses.append(loss.numpy())
+            train_loss, labels = torch.zeros_like(train_loss), 0
+    network.use(nn.Parameter(kept_weights))
+    train_losses, validation_losses = np.stack(losses, 1)
+    return History(train_losses, validation_losses, kept.numpy())
+
+
+@contextmanager
+def _weights(weights: nn.Parameter, others: Tensor) -> Iterator[None]:
+    """Other weights in place of these, for a while."""
+    own = weights.detach().clone()
+    weights.data.copy_(others)
+    yield
+    weights.data.copy_(own)
 
 
 @torch.inference_mode()
@@ -104,62 +131,42 @@ def validation_loss(network: EnsembleNetwork, members: int, groups: Sequence[Gro
     return torch.as_tensor(total) / sum(y.numel() for _, y in groups)
 
 
-def _epoch(
-    network: EnsembleNetwork,
-    groups: Sequence[Group],
-    batch: int,
-    optimiser: torch.optim.Optimizer,
-    generators: list[torch.Generator],
-    turns: torch.Generator,
-) -> Tensor:
-    """One pass over the examples. Returns the mean training loss of each member [E]."""
-    total = torch.zeros(len(generators), device=groups[0][0].device)
-    for x, y, rows in _batches(groups, batch, generators, turns):
-        optimiser.zero_grad(set_to_none=False)
-        loss = _loss(network, x[rows], y[rows])
-        (loss.sum() / (rows.shape[1] * y.shape[1])).backward()  # members share no weights: each learns from its own
-        optimiser.step()
-        total += loss.detach()
-    return total.cpu() / sum(y.numel() for _, y in groups)
+def _update(network: EnsembleNetwork, x: Tensor, y: Tensor, optimiser: torch.optim.Optimizer) -> Tensor:
+    """One step on a batch x [E, B, K, F], y [E, B, P]. Returns the summed loss of each member [E]."""
+    optimiser.zero_grad(set_to_none=False)
+    loss = _loss(network, x, y)
+    (loss.sum() / y[0].numel()).backward()  # members share no weights: each learns from its own
+    optimiser.step()
+    return loss.detach()
 
 
 def _batches(
     groups: Sequence[Group], batch: int, generators: list[torch.Generator], turns: torch.Generator
 ) -> Iterator[tuple[Tensor, Tensor, Tensor]]:
-    """The batches of an epoch, in random order: x and y of a group, and which rows [E, B] of it are in the batch.
+    """Batches without end, epoch after epoch: x and y of a group, and which rows [E, B] of it are in the batch.
 
     A batch holds about `batch` labels of plans of one length, which makes few and large products. Which length is next
     is the same for all members, so that they have arrays of one shape; the rows are each member's own.
     """
-    batches = []
-    for x, y in groups:
-        order = torch.stack([torch.randperm(len(x), generator=g) for g in generators]).to(x.device)
-        n = max(1, min(len(x), round(y.numel() / batch)))
-        batches += [(x, y, rows) for rows in order.tensor_split(n, dim=1)]
-    for i in torch.randperm(len(batches), generator=turns):
-        yield batches[i]
+    while True:
+        epoch = []
+        for x, y in groups:
+            order = torch.stack([torch.randperm(len(x), generator=g) for g in generators]).to(x.device)
+            n = batches_of(len(x), y.shape[1], batch)
+            epoch += [(x, y, rows) for rows in order.tensor_split(n, dim=1)]
+        for i in torch.randperm(len(epoch), generator=turns):
+            yield epoch[i]
+
+
+def batches_of(examples: int, labels: int, batch: int) -> int:
+    """Into how many batches of about `batch` labels an epoch divides examples of so many labels each."""
+    return max(1, min(examples, round(examples * labels / batch)))
 
 
 def _loss(network: EnsembleNetwork, x: Tensor, y: Tensor) -> Tensor:
     """[E] summed binary cross-entropy of x [E, B, K, F] against y [E, B, P]."""
     logits = network(x, whole=y.shape[-1] < x.shape[-2] - 1)
     return binary_cross_entropy_with_logits(logits, y, reduction="none").sum((1, 2))
-
-
-def _keep(members: Tensor, network: EnsembleNetwork, optimiser: torch.optim.Adam) -> torch.optim.Adam:
-    """Make the network one of fewer members [E] bool, and go on with their part of the optimiser's state."""
-
-    def part(vector: Tensor) -> Tensor:
-        return parameters_to_vector(stack[members] for stack in network.split(vector))
-
-    (weights,) = optimiser.param_groups[0]["params"]
-    kept = nn.Parameter(part(weights.detach()))
-    goes_on = torch.optim.Adam([kept], **optimiser.defaults)
-    goes_on.state[kept] = {
-        name: part(value) if value.ndim else value for name, value in optimiser.state[weights].items()
-    }
-    network.use(kept)
-    return goes_on
 
 
 def _to_device(examples: Sequence[Examples], device: torch.device) -> list[Group]:

@@ -18,7 +18,7 @@ from apf.errors import InputError
 from apf.settings import settings
 from apf.towers.balanced import balanced_towers
 from apf.towers.blocks import BlockSet, BlockSource
-from apf.towers.features import N_FEATURES, N_POSITION, features
+from apf.towers.features import N_FEATURES, N_POSITION, features, mirrored
 from apf.towers.files import read_blocks, tower_table, write_blocks
 from apf.towers.stability import stands
 from apf.towers.towers import Offset, Towers, random_extensions, random_towers
@@ -33,6 +33,8 @@ class TowerDomain:
     evaluation: BlockSource = Field(default_factory=BlockSource)
     """Other blocks, for every evaluation."""
     offset: Offset = Field(default_factory=Offset)
+    mirror: bool = True
+    """Train on mirror images too? What stands, stands in a mirror."""
 
     n_features = N_FEATURES
     n_position = N_POSITION
@@ -86,9 +88,16 @@ class TowerDomain:
         """[N, K, n_features] float32: what a network sees."""
         return features(plans)
 
-    def symmetries(self, plans: Towers) -> Iterator[Towers]:
-        """The plans as seen from four sides: turned by 0, 90, 180, 270 degrees (Section Learning)."""
-        return (plans.turned(quarters) for quarters in range(4))
+    def views(self, plans: Towers) -> Iterator[np.ndarray]:
+        """Features of the plans from all sides from which their labels are the same, the plans' own first.
+
+        They are turned by 0, 90, 180, 270 degrees (Section Learning), and each of these is mirrored if `mirror`.
+        """
+        for quarters in range(4):
+            view = features(plans.turned(quarters))
+            yield view
+            if self.mirror:
+                yield mirrored(view)
 
     def feasible(self, plans: Towers) -> np.ndarray:
         """[N] bool: would the plan succeed in a world without noise?"""

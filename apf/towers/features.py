@@ -8,6 +8,7 @@ N_FEATURES = 10
 """Mass, centre of mass (3), sides (3), position (3)."""
 N_POSITION = 3
 """The last features are the position."""
+COM_X, POSITION_X = 1, 7
 LENGTH = 0.1
 """Unit of all lengths [m]: one for all, since a network adds centres of mass to positions."""
 
@@ -26,3 +27,10 @@ def features(towers: Towers) -> np.ndarray:
     x[..., 7:9] = (towers.xy - towers.xy[:, :1]) / LENGTH
     x[..., 9] = (towers.z - towers.z[:, :1]) / LENGTH
     return x
+
+
+def mirrored(x: np.ndarray) -> np.ndarray:
+    """The features [N, K, N_FEATURES] of the same towers in a mirror: every x coordinate the other way round."""
+    mirror = x.copy()
+    mirror[..., [COM_X, POSITION_X]] *= -1
+    return mirror

@@ -113,7 +113,7 @@ def test_the_time_before_a_stop_counts(stopped: Path) -> None:
 
 
 def test_a_loss_that_is_not_finite(here: Path) -> None:
-    result = call(*TINY, "training.learning_rate=1e30", "training.max_epochs=5", "hydra.run.dir=run")
+    result = call(*TINY, "training.learning_rate=1e30", "training.updates=200", "hydra.run.dir=run")
     assert result.code == 1
     for word in ("error: training diverged", "training.learning_rate", f"resume={here / 'run'}"):
         assert word in last_line(result)

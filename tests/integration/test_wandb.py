@@ -138,7 +138,7 @@ def test_what_is_told(here: Path, fakes: list[FakeRun]) -> None:
             assert figures[f"standing/{task}"] == mine["feasible"].mean()
         assert figures["accuracy/2"] == accuracy[accuracy["step"] == step]["accuracy"].item()
     for figures in told.values():
-        assert {"loss/train", "loss/validation", "data/feasible_share"} <= set(figures)
+        assert {"loss/train", "data/feasible_share"} <= set(figures)
     assert "score/mean" not in told[0]
     assert not any(name.startswith("regret") for name in told[0])
     towers = pd.read_parquet(here / "run" / "towers.parquet").query("step == 1").groupby("tower")
