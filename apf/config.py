@@ -29,6 +29,8 @@ from apf.worlds import World
 
 NO_EFFECT = ("tracker", "device", "threads", "sweep", "execution")
 """Keys that may differ between two runs that are the same run."""
+LENGTH = "towers"
+"""How far a run goes: it may be made longer."""
 
 
 def config_dir() -> str:
@@ -152,8 +154,8 @@ def plain(cfg: DictConfig) -> dict[str, Any]:
 
 
 def identity(config: dict[str, Any]) -> dict[str, Any]:
-    """The part of a plain config that decides what a run computes."""
-    return {key: value for key, value in config.items() if key not in NO_EFFECT}
+    """The part of a plain config that decides what a run computes, however far it goes."""
+    return {key: value for key, value in config.items() if key not in (*NO_EFFECT, LENGTH)}
 
 
 def config_hash(config: dict[str, Any]) -> str:
@@ -179,7 +181,7 @@ def run_name(_root_: DictConfig) -> str:
     config = plain(_root_)
     parts = [choices[group] for group in ("sampler", "model", "world")]
     if choices["predictor"] != "learned":
-        parts = [choices["predictor"], choices["world@evaluation.world"]]
+        parts = [choices["predictor"]]
     return "-".join([*map(str, parts), f"seed{config['seed']}", config_hash(config)])
 
 

@@ -50,7 +50,7 @@ class Execution:
 class Experiment:
     """One run: the parts that the config composed, and the loop that joins them.
 
-    towers: how many to label in all, the initial ones included. every: acquisitions between evaluations.
+    towers: how many to label in all, the initial ones included. every: labelled plans between evaluations.
     """
 
     seed: int
@@ -71,6 +71,10 @@ class Experiment:
         """Acquisitions that it takes to label all towers."""
         return math.ceil((self.towers - self.initial.train - self.initial.validation) / self.acquisition.towers)
 
+    def labelled(self, step: int) -> int:
+        """Plans labelled when a step is over."""
+        return min(self.towers, self.initial.train + self.initial.validation + step * self.acquisition.towers)
+
     def run(self) -> None:
         """Label, learn, evaluate, until all towers are labelled.
 
@@ -88,8 +92,9 @@ class Experiment:
                 self.evaluate(step, self.model)
 
     def due(self, step: int) -> bool:
-        """Is this step evaluated? The last one always is; the initial model only if it is the last."""
-        return (step > 0 and step % self.every == 0) or step == self.steps
+        """Is this step evaluated? Whenever another `every` plans are labelled, and the last; not the initial model."""
+        labelled, before = self.labelled(step), self.labelled(step - 1)
+        return (step > 0 and labelled // self.every > before // self.every) or step == self.steps
 
     def choose(self, step: int) -> None:
         """Decide which plans to try: random ones first, then those that the model would learn most from."""
@@ -164,11 +169,11 @@ class Experiment:
         return Figures(step, Phase.EXECUTED, self.store.count(until=step), metrics)
 
     def evaluation_figures(self, step: int) -> Figures:
-        """Median regret and towers standing for each task, accuracy for each length."""
+        """Median regret and towers standing for each world and task, accuracy for each length."""
         regret, accuracy = (table[table["step"] == step] for table in (self.store.regret(), self.store.accuracy()))
-        medians = regret.groupby("task", sort=False)["regret"].median()
-        standing = regret.groupby("task", sort=False)["feasible"].mean()
-        metrics: dict[str, float] = {f"regret/{task}": value for task, value in medians.items()}
-        metrics |= {f"standing/{task}": value for task, value in standing.items()}
+        by = regret.sort_values("world", kind="stable").groupby(["world", "task"], sort=False)
+        where = {"/".join(map(str, names)): group for names, group in by}
+        metrics = {f"regret/{name}": group["regret"].median() for name, group in where.items()}
+        metrics |= {f"standing/{name}": group["feasible"].mean() for name, group in where.items()}
         metrics |= {f"accuracy/{length}": share for length, share in zip(accuracy["length"], accuracy["accuracy"])}
         return Figures(step, Phase.EVALUATED, self.store.count(until=step), metrics)

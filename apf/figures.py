@@ -16,13 +16,13 @@ PANEL = (2.6, 2.3)
 
 
 def regret_curves(regret: pd.DataFrame) -> pd.DataFrame:
-    """Median and quartiles over problems and runs: group, task, towers, median, q25, q75, runs, problems."""
-    by = regret.dropna(subset=["regret"]).groupby(["group", "task", "towers"], sort=False)
+    """Median and quartiles over problems and runs: group, world, task, towers, median, q25, q75, runs, problems."""
+    by = regret.dropna(subset=["regret"]).groupby(["group", "world", "task", "towers"], sort=False)
     values = by["regret"]
     curves = pd.DataFrame({"median": values.median(), "q25": values.quantile(0.25), "q75": values.quantile(0.75)})
     curves["runs"] = by["run"].nunique()
     curves["problems"] = by.size()
-    return curves.reset_index()[["group", "task", "towers", "median", "q25", "q75", "runs", "problems"]]
+    return curves.reset_index()[["group", "world", "task", "towers", "median", "q25", "q75", "runs", "problems"]]
 
 
 def accuracy_curves(accuracy: pd.DataFrame) -> pd.DataFrame:
@@ -34,10 +34,11 @@ def accuracy_curves(accuracy: pd.DataFrame) -> pd.DataFrame:
 
 
 def plot_regret(curves: pd.DataFrame) -> "Figure":
-    """One panel for each task: the median, shaded between the quartiles."""
+    """One row for each world, one panel for each task: the median, shaded between the quartiles."""
     tasks = list(dict.fromkeys(curves["task"]))
     titles = {task: TITLES.get(task, task.replace("_", " ")) for task in tasks}
-    figure, panels = _panels(curves, "task", titles, ("median", "q25", "q75"), "Normalised regret")
+    rows = {f"Regret in world {world}": curves[curves["world"] == world] for world in sorted(set(curves["world"]))}
+    figure, panels = _panels(rows, "task", titles, ("median", "q25", "q75"))
     panels[0].set_ylim(-0.03, 1.03)
     return figure
 
@@ -46,7 +47,7 @@ def plot_accuracy(curves: pd.DataFrame) -> "Figure":
     """One panel for each tower length: the mean, shaded from the least to the greatest run."""
     lengths = sorted(set(curves["length"]))
     titles = {length: f"{length} blocks" for length in lengths}
-    figure, panels = _panels(curves, "length", titles, ("mean", "min", "max"), "Accuracy")
+    figure, panels = _panels({"Accuracy": curves}, "length", titles, ("mean", "min", "max"))
     panels[0].set_ylim(min(0.45, curves["min"].min() - 0.03), 1.01)
     for axes in panels:
         axes.axhline(0.5, color="0.75", linewidth=0.8, linestyle=":", zorder=0)
@@ -67,9 +68,9 @@ def save(figure: "Figure", table: pd.DataFrame, stem: Path) -> list[Path]:
 
 
 def _panels(
-    curves: pd.DataFrame, column: str, titles: Mapping[Any, str], lines: tuple[str, str, str], quantity: str
+    rows: Mapping[str, pd.DataFrame], column: str, titles: Mapping[Any, str], lines: tuple[str, str, str]
 ) -> tuple["Figure", list["Axes"]]:
-    """A row of panels over the number of labelled towers, one line with its band for each group."""
+    """Rows of panels over the number of labelled towers, one line with its band for each group."""
     import matplotlib as mpl
 
     if mpl.get_backend().lower() != "agg":
@@ -78,16 +79,19 @@ def _panels(
     import seaborn as sns
 
     centre, low, high = lines
-    groups = list(dict.fromkeys(curves["group"]))
+    groups = list(dict.fromkeys(group for curves in rows.values() for group in curves["group"]))
     colours = dict(zip(groups, sns.color_palette("colorblind", len(groups)), strict=True))
     style: Any = {"font.size": 8, "axes.titlesize": 9, "axes.labelsize": 8, "legend.fontsize": 8, "pdf.fonttype": 42}
     with sns.axes_style("ticks", {"axes.grid": True, "grid.color": "0.92"}), mpl.rc_context(style):
         width, height = PANEL
         legend_rows = -(-len(groups) // 4) if len(groups) > 1 else 0
-        size = (width * len(titles) + 0.3, height + 0.2 * legend_rows)
-        figure, grid = plt.subplots(1, len(titles), figsize=size, sharey=True, squeeze=False, layout="constrained")
-        panels = list(grid[0])
-        for (value, title), axes in zip(titles.items(), panels, strict=True):
+        size = (width * len(titles) + 0.3, height * len(rows) + 0.2 * legend_rows)
+        figure, grid = plt.subplots(
+            len(rows), len(titles), figsize=size, sharex=True, sharey=True, squeeze=False, layout="constrained"
+        )
+        panels = list(grid.flat)
+        cells = [(quantity, curves, value) for quantity, curves in rows.items() for value in titles]
+        for (quantity, curves, value), axes in zip(cells, panels, strict=True):
             for group in groups:
                 line = curves[(curves[column] == value) & (curves["group"] == group)].sort_values("towers")
                 marker = "o" if len(line) < 15 else None
@@ -95,9 +99,12 @@ def _panels(
                     line["towers"], line[centre], color=colours[group], label=group, marker=marker, markersize=2.5
                 )
                 axes.fill_between(line["towers"], line[low], line[high], color=colours[group], alpha=0.18, linewidth=0)
-            axes.set_title(title)
-            axes.set_xlabel("Labelled towers")
-        panels[0].set_ylabel(quantity)
+            if axes in grid[0]:
+                axes.set_title(titles[value])
+            if axes in grid[-1]:
+                axes.set_xlabel("Labelled towers")
+            if axes in grid[:, 0]:
+                axes.set_ylabel(quantity)
         sns.despine(figure)
         if len(groups) > 1:
             handles, labels = panels[0].get_legend_handles_labels()

@@ -23,7 +23,7 @@ def save_figures(directory: Path) -> None:
 
 
 def print_summary(directory: Path, console: Console) -> None:
-    """Wall time, median regret and towers standing for each task, accuracy for each length, and where all lies."""
+    """Wall time, median regret and towers standing for each world and task, accuracy for each length, and the place."""
     seconds = read_yaml(directory / "run.yaml")["seconds"]
     regret, accuracy = (pd.read_parquet(directory / f"{name}.parquet") for name in ("regret", "accuracy"))
     last = max([*regret["step"], *accuracy["step"]], default=0)
@@ -31,12 +31,12 @@ def print_summary(directory: Path, console: Console) -> None:
     towers = max([*regret["towers"], *accuracy["towers"]], default=0)
     console.print(f"\n[bold]{towers} labelled towers[/bold] in {_duration(seconds)}", highlight=False)
     if len(regret):
-        table = Table("task", "median regret", "quartiles", "standing", box=None, pad_edge=False)
-        for task, group in regret.groupby("task", sort=False):
+        table = Table("world", "task", "median regret", "quartiles", "standing", box=None, pad_edge=False)
+        regret = regret.sort_values("world", kind="stable")
+        for names, group in regret.groupby(["world", "task"], sort=False):
             low, median, high = group["regret"].quantile([0.25, 0.5, 0.75])
-            table.add_row(
-                str(task), f"{median:.3f}", f"{low:.3f} to {high:.3f}", f"{group['feasible'].sum()} of {len(group)}"
-            )
+            standing = f"{group['feasible'].sum()} of {len(group)}"
+            table.add_row(*map(str, names), f"{median:.3f}", f"{low:.3f} to {high:.3f}", standing)
         console.print(table)
     if len(accuracy):
         table = Table("blocks", *map(str, accuracy["length"]), box=None, pad_edge=False)

@@ -14,7 +14,7 @@ from typing import Any
 from hydra.core.hydra_config import HydraConfig
 from hydra.types import RunMode
 
-from apf.config import config_dir, config_hash, flatten, identity
+from apf.config import LENGTH, config_dir, config_hash, flatten, identity
 from apf.errors import InputError, Stopped
 from apf.files import checksum, read_yaml, write_yaml
 from apf.interrupts import Interrupted
@@ -52,13 +52,14 @@ def locked(directory: Path) -> Iterator[None]:
 
 
 def check(directory: Path, config: dict[str, Any], domain: TowerDomain) -> bool:
-    """Could this run be the one that the directory holds, if it holds one? Returns whether that has finished.
+    """Could this run be the one that the directory holds, if it holds one? Returns whether that has gone as far.
 
-    Raises InputError, naming the keys that differ, if another run lives there.
+    Raises InputError, naming the keys that differ, if another run lives there, or if it goes on in another way.
     """
     if not (directory / CONFIG).exists():
         return False
-    mine, theirs = (flatten(identity(c)) for c in (config, read_yaml(directory / CONFIG)))
+    kept = read_yaml(directory / CONFIG)
+    mine, theirs = (flatten(identity(c)) for c in (config, kept))
     differing = [key for key in sorted(mine.keys() | theirs.keys()) if mine.get(key) != theirs.get(key)]
     if differing:
         raise InputError(f"{directory} holds a run of another config; these keys differ: {', '.join(differing)}")
@@ -67,12 +68,24 @@ def check(directory: Path, config: dict[str, Any], domain: TowerDomain) -> bool:
         raise InputError(
             f"{directory / JOURNAL} is missing, and all labels with it; put it back, or remove {directory}"
         )
-    return finished(directory)
+    done = finished(directory)
+    if config[LENGTH] < kept[LENGTH] and not done:
+        raise InputError(f"{directory} holds a run of {kept[LENGTH]} towers that has not finished; go on with as many")
+    first, each = sum(kept["initial"].values()), kept["acquisition"]["towers"]
+    if config[LENGTH] > kept[LENGTH] and (kept[LENGTH] - first) % each:
+        raise InputError(
+            f"{directory} holds a run of {kept[LENGTH]} towers, whose last acquisition had fewer than {each}: "
+            "it cannot be made longer"
+        )
+    return done and config[LENGTH] <= kept[LENGTH]
 
 
 def begin(directory: Path, config: dict[str, Any], domain: TowerDomain) -> None:
     """Make the (locked) directory this run's own, unless it is already; config.yaml, written last, says that it is."""
-    if check(directory, config, domain) or (directory / CONFIG).exists():
+    if check(directory, config, domain):
+        return
+    if (directory / CONFIG).exists():
+        lengthen(directory, config)
         return
     hydra = HydraConfig.get()
     in_sweep = hydra.mode == RunMode.MULTIRUN or directory.parent == Path(hydra.sweep.dir).absolute()
@@ -97,6 +110,17 @@ def begin(directory: Path, config: dict[str, Any], domain: TowerDomain) -> None:
         write_yaml(directory / CONFIG, config)
     except OSError as error:
         raise InputError(f"{directory}: cannot be written: {error.strerror}") from None
+
+
+def lengthen(directory: Path, config: dict[str, Any]) -> None:
+    """Note that the run goes farther now, if it does."""
+    kept = read_yaml(directory / CONFIG)
+    if kept[LENGTH] != config[LENGTH]:
+        reopen(directory)
+        overrides = [text for text in read_yaml(directory / STATE)["overrides"] if _key(text) != LENGTH]
+        state = {**read_yaml(directory / STATE), "overrides": [*overrides, f"{LENGTH}={config[LENGTH]}"]}
+        write_yaml(directory / STATE, state)
+        write_yaml(directory / CONFIG, {**kept, LENGTH: config[LENGTH]})
 
 
 def abandon(directory: Path) -> None:

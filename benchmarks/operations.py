@@ -244,7 +244,7 @@ def run(setting: Setting) -> Case:
         amount=400,
         ours=Timed(work),
         target=Target(seconds=600),
-        note="python -m apf.main: evaluation every 10 acquisitions, 50 problems, three tasks; one thread; timed once",
+        note="python -m apf.main: evaluation every 100 towers, 50 problems, three tasks; one thread; timed once",
         repetitions=1,
     )
 

@@ -15,7 +15,7 @@ from apf.tasks import Task
 from apf.towers import TowerDomain, Towers
 from apf.worlds import World, carry_out
 
-REGRET_COLUMNS = ["step", "towers", "task", "problem", "value", "best_value", "regret", "feasible"]
+REGRET_COLUMNS = ["step", "towers", "task", "problem", "world", "value", "best_value", "regret", "feasible"]
 ACCURACY_COLUMNS = ["step", "towers", "length", "accuracy", "n"]
 
 
@@ -30,7 +30,7 @@ class EvaluationSettings:
     """When and on what to evaluate. Problems and test sets depend on `seed` alone: they are the same in all runs."""
 
     every: PositiveInt
-    """Acquisitions between two evaluations; the last step is always evaluated."""
+    """Labelled plans between two evaluations; the last step is always evaluated."""
     problems: NonNegativeInt
     """Planning problems, the same for each task."""
     blocks: Annotated[int, Field(ge=2)]
@@ -40,8 +40,8 @@ class EvaluationSettings:
     test_towers: Annotated[int, Field(ge=0), AfterValidator(_even)]
     """Towers of each length, half of them feasible."""
     seed: NonNegativeInt
-    world: World
-    """Where a chosen tower is executed for its reward."""
+    worlds: Annotated[dict[str, World], Field(min_length=1)]
+    """Where a chosen tower is executed for its reward, each by a name of its own."""
 
 
 class Evaluator:
@@ -63,7 +63,7 @@ class Evaluator:
         self._test_sets: dict[int, tuple[Towers, np.ndarray]] = {}
 
     def regret(self, predictor: Predictor, step: int, towers: int) -> pd.DataFrame:
-        """[problems x tasks rows, REGRET_COLUMNS]: one planned and executed tower each.
+        """[problems x tasks x worlds rows, REGRET_COLUMNS]: the planned tower, executed once in each world.
 
         Normalised regret is (best_value - reward) / best_value: the reward is the chosen tower's value if it stands
         and 0 if it falls; best_value is the largest value of a candidate that stands without noise. It is NaN
@@ -76,13 +76,14 @@ class Evaluator:
             pool = self.planner.pool(candidates, predictor, stream(self.settings.seed, "predictor", step, problem))
             for number, (name, task) in enumerate(self.tasks.items()):
                 choice = self.planner.plan(task, pool)
-                rng = stream(self.settings.seed, "reward", step, problem, number)
                 chosen = candidates[choice.index : choice.index + 1]
                 what = f"the tower chosen for {name} in problem {problem}"
-                feasible = bool((carry_out(self.settings.world, chosen, rng, self.time_limit, what) == 1).all())
-                reward = choice.value if feasible else 0.0
-                regret = (best[name] - reward) / best[name] if best[name] > 0 else np.nan
-                rows.append((step, towers, name, problem, choice.value, best[name], regret, feasible))
+                for world_name, world in self.settings.worlds.items():
+                    rng = stream(self.settings.seed, f"reward in {world_name}", step, problem, number)
+                    feasible = bool((carry_out(world, chosen, rng, self.time_limit, what) == 1).all())
+                    reward = choice.value if feasible else 0.0
+                    regret = (best[name] - reward) / best[name] if best[name] > 0 else np.nan
+                    rows.append((step, towers, name, problem, world_name, choice.value, best[name], regret, feasible))
         return pd.DataFrame(rows, columns=REGRET_COLUMNS)
 
     def accuracy(self, predictor: Predictor, step: int, towers: int) -> pd.DataFrame:

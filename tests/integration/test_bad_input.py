@@ -14,7 +14,7 @@ UNKNOWN_OPTION = [
     ("domain=nonsense", "domain", "towers"),
     ("task=nonsense", "task", "tallest"),
     ("task=[tallest,nonsense]", "task", "nonsense", "overhang, tallest, unsupported"),
-    ("world@evaluation.world=nonsense", "world", "nonsense"),
+    ("world@evaluation.worlds.noisy=nonsense", "world", "nonsense"),
     ("+experiment=nonsense", "experiment", "smoke"),
     ("+nonsense=option", "nonsense", "no such key"),
 ]
@@ -30,7 +30,7 @@ UNKNOWN_KEY = [
             "initial",
             "acquisition",
             "evaluation",
-            "evaluation.world",
+            "evaluation.worlds.noisy",
             "domain",
             "domain.training",
             "domain.offset",

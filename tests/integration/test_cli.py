@@ -21,7 +21,9 @@ def snapshot(directory: Path) -> dict[str, tuple[int, int]]:
 @pytest.mark.slow
 def test_a_run_shows_each_step_as_lines(smoke: tuple[Path, Result]) -> None:
     lines = smoke[1].err.splitlines()
-    topics = [match.groups() for line in lines if (match := re.match(r"step (\d+), (\d+) towers, (\w+): \w+ \S", line))]
+    topics = [
+        match.groups() for line in lines if (match := re.match(r"step (\d+), (\d+) towers, (\w+): [\w/]+ \S", line))
+    ]
     evaluated = ["data", "score", "loss", "regret", "standing", "accuracy"]
     assert topics == [
         *(("0", "20", topic) for topic in ("data", "loss")),
@@ -97,9 +99,10 @@ def test_the_defaults_are_those_of_the_paper() -> None:
     assert cfg.sampler.candidates.n == 10_000
     assert cfg.world._target_ == "apf.worlds.NoisyWorld"
     assert cfg.world.noise == 0.003
-    assert cfg.evaluation.world._target_ == "apf.worlds.AnalyticWorld"
+    targets = {name: world["_target_"] for name, world in cfg.evaluation.worlds.items()}
+    assert targets == {"analytic": "apf.worlds.AnalyticWorld", "noisy": "apf.worlds.NoisyWorld"}
     assert list(cfg.task) == ["tallest", "overhang", "unsupported"]
-    assert (cfg.evaluation.every, cfg.evaluation.problems, cfg.evaluation.blocks) == (10, 50, 5)
+    assert (cfg.evaluation.every, cfg.evaluation.problems, cfg.evaluation.blocks) == (100, 50, 5)
     assert cfg.planner.candidates == 100_000
     assert cfg.tracker.mode == "offline"
 

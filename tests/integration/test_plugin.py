@@ -70,7 +70,7 @@ def overrides(plugin: Path) -> tuple[str, ...]:
 
 @pytest.mark.slow
 def test_own_sampler_and_world(plugin: Path, tmp_path: Path) -> None:
-    chosen = ("sampler=widest", "world=quake", "world@evaluation.world=quake")
+    chosen = ("sampler=widest", "world=quake", "+world@evaluation.worlds.quake=quake")
     path = os.pathsep.join([str(plugin), os.environ.get("PYTHONPATH", "")])
     spawn(["-m", "apf.main", *overrides(plugin), *chosen], cwd=tmp_path, PYTHONPATH=path).must_work()
     state = yaml.safe_load((tmp_path / "run" / "run.yaml").read_text())
@@ -83,7 +83,9 @@ def test_own_sampler_and_world(plugin: Path, tmp_path: Path) -> None:
     assert len(chosen) == 4
     for _, tower in chosen:
         assert np.isclose(tower["score"].iloc[0], 2 * tower[["x", "y"]].iloc[-1].abs().max())
-    assert pd.read_parquet(tmp_path / "run" / "regret.parquet")["feasible"].all(), "problems have two blocks"
+    regret = pd.read_parquet(tmp_path / "run" / "regret.parquet")
+    assert set(regret["world"]) == {"analytic", "noisy", "quake"}
+    assert regret[regret["world"] == "quake"]["feasible"].all(), "problems have two blocks"
 
 
 @pytest.mark.parametrize(

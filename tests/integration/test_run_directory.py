@@ -21,9 +21,10 @@ from apf.towers.files import TOWER_COLUMNS
 from apf.worlds import NoisyWorld
 from integration.command_line import SMOKE, TINY, Result, call
 
-REGRET = ["step", "towers", "task", "problem", "value", "best_value", "regret", "feasible"]
+REGRET = ["step", "towers", "task", "problem", "world", "value", "best_value", "regret", "feasible"]
 ACCURACY = ["step", "towers", "length", "accuracy", "n"]
 TASKS = ["tallest", "overhang", "unsupported"]
+WORLDS = ["analytic", "noisy"]
 PLACEMENTS = [
     *("tower", "position", "step", "split", "score", "label", "note"),
     *("block", "dim_x", "dim_y", "dim_z", "com_x", "com_y", "com_z", "mass"),
@@ -101,9 +102,13 @@ def test_regret_table(smoke: tuple[Path, Result]) -> None:
     table = pd.read_parquet(smoke[0] / "regret.parquet")
     assert list(table.columns) == REGRET
     expected = [
-        (step, towers, task, problem) for step, towers in ((1, 30), (2, 40)) for problem in range(2) for task in TASKS
+        (step, towers, task, problem, world)
+        for step, towers in ((1, 30), (2, 40))
+        for problem in range(2)
+        for task in TASKS
+        for world in WORLDS
     ]
-    assert list(table[["step", "towers", "task", "problem"]].itertuples(index=False, name=None)) == expected
+    assert list(table[["step", "towers", "task", "problem", "world"]].itertuples(index=False, name=None)) == expected
     assert table["feasible"].dtype == bool
     assert table["regret"].notna().any()
     known = table.dropna(subset=["regret"])
@@ -196,10 +201,11 @@ def test_figures_are_figures_of_the_tables(smoke: tuple[Path, Result]) -> None:
         assert (folder / f"{name}.png").read_bytes().startswith(b"\x89PNG")
         assert (folder / f"{name}.pdf").read_bytes().startswith(b"%PDF")
     regret, drawn = pd.read_parquet(smoke[0] / "regret.parquet"), pd.read_csv(folder / "regret.csv")
-    assert list(drawn.columns) == ["task", "towers", "median", "q25", "q75", "runs", "problems"]
+    assert list(drawn.columns) == ["world", "task", "towers", "median", "q25", "q75", "runs", "problems"]
     assert len(drawn)
     for row in drawn.itertuples():
-        values = regret[(regret["task"] == row.task) & (regret["towers"] == row.towers)]["regret"].dropna()
+        mine = (regret["world"] == row.world) & (regret["task"] == row.task) & (regret["towers"] == row.towers)
+        values = regret[mine]["regret"].dropna()
         assert np.allclose([row.q25, row.median, row.q75], np.percentile(values, [25, 50, 75]))
         assert (row.runs, row.problems) == (1, len(values))
     drawn = pd.read_csv(folder / "accuracy.csv")
@@ -256,13 +262,13 @@ def test_a_label_is_in_the_journal_before_the_next_tower_starts(here: Path, monk
         return execute(self, plans, rng)
 
     monkeypatch.setattr(NoisyWorld, "execute", looking)
-    call(*TINY, "hydra.run.dir=run").must_work()
+    call(*TINY, "~world@evaluation.worlds.noisy", "hydra.run.dir=run").must_work()
     assert seen == [(8, n) for n in range(8)] + [(10, 8), (10, 9), (12, 10), (12, 11)]
 
 
 @pytest.mark.usefixtures("no_figures")
 def test_the_last_acquisition_is_cut_to_the_number_of_towers(here: Path) -> None:
-    size = ("towers=25", "acquisition.towers=10", "acquisition.validation=2", "evaluation.every=2")
+    size = ("towers=25", "acquisition.towers=10", "acquisition.validation=2", "evaluation.every=20")
     call(*TINY, *size, "hydra.run.dir=run").must_work()
     rows = journal(here / "run")
     assert rows.groupby("step").size().tolist() == [8, 10, 7]
@@ -274,7 +280,7 @@ def test_the_last_acquisition_is_cut_to_the_number_of_towers(here: Path) -> None
 
 @pytest.mark.usefixtures("no_figures")
 def test_the_last_step_is_evaluated_whatever_the_period(here: Path) -> None:
-    call(*TINY, "towers=13", "evaluation.every=2").must_work()
+    call(*TINY, "towers=13", "evaluation.every=4").must_work()
     (path,) = here.rglob("accuracy.parquet")
     assert pd.read_parquet(path)["step"].tolist() == [2, 3]
 
@@ -322,9 +328,9 @@ def test_predictors_that_know_the_physics_are_evaluated_once(here: Path, predict
     )
     assert set(regret["step"]) == set(accuracy["step"]) == {0}
     assert set(regret["towers"]) == {0}
-    assert regret["task"].tolist() == TASKS
+    assert regret["task"].tolist() == [task for task in TASKS for _ in WORLDS]
     if predictor == "analytic":
-        assert (regret["regret"] == 0).all()
+        assert (regret[regret["world"] == "analytic"]["regret"] == 0).all()
         assert (accuracy["accuracy"] == 1).all()
     assert len(towers) == 0
     assert list(towers.columns) == PLACEMENTS, "column names are fixed, also where no tower was labelled"

@@ -69,11 +69,11 @@ def test_the_name_of_a_run_tells_configs_apart(here: Path) -> None:
     """What changes the results changes the hash in the name; what does not, does not."""
     basic = "hydra/launcher=basic"
     call(
-        "-m", *TINY, basic, "world=analytic", "world@evaluation.world=analytic,noisy", "training.batch=4,8"
+        "-m", *TINY, basic, "world=analytic", "world@evaluation.worlds.noisy=analytic,noisy", "training.batch=4,8"
     ).must_work()
     basic = "hydra/launcher=basic"
     call(
-        "-m", *TINY, basic, "world=analytic", "world@evaluation.world=noisy", "training.batch=8", "threads=2"
+        "-m", *TINY, basic, "world=analytic", "world@evaluation.worlds.noisy=noisy", "training.batch=8", "threads=2"
     ).must_work()
     names = [path.name for path in (here / "runs" / "sweep").iterdir() if path.is_dir()]
     assert len(names) == 4

@@ -5,6 +5,7 @@ import threading
 import urllib.request
 from collections.abc import Iterator
 from contextlib import suppress
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -132,10 +133,10 @@ def test_what_is_told(here: Path, fakes: list[FakeRun]) -> None:
     regret, accuracy = (pd.read_parquet(here / "run" / f"{name}.parquet") for name in ("regret", "accuracy"))
     for step in (1, 2):
         figures = told[step]
-        for task in ("tallest", "overhang", "unsupported"):
-            mine = regret[(regret["step"] == step) & (regret["task"] == task)]
-            assert figures[f"regret/{task}"] == pytest.approx(mine["regret"].median(), nan_ok=True)
-            assert figures[f"standing/{task}"] == mine["feasible"].mean()
+        for world, task in product(("analytic", "noisy"), ("tallest", "overhang", "unsupported")):
+            mine = regret[(regret["step"] == step) & (regret["task"] == task) & (regret["world"] == world)]
+            assert figures[f"regret/{world}/{task}"] == pytest.approx(mine["regret"].median(), nan_ok=True)
+            assert figures[f"standing/{world}/{task}"] == mine["feasible"].mean()
         assert figures["accuracy/2"] == accuracy[accuracy["step"] == step]["accuracy"].item()
     for figures in told.values():
         assert {"loss/train", "data/feasible_share"} <= set(figures)
