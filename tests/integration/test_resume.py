@@ -71,7 +71,7 @@ def test_relative_paths_mean_the_same_after_a_resume(here: Path, monkeypatch: py
 
 
 def test_what_is_given_with_resume_wins(stopped: Path) -> None:
-    call("resume=run", "threads=2", "towers=13").must_refuse("another config", "towers")
+    call("resume=run", "threads=2", "seed=13").must_refuse("another config", "seed")
     call("resume=run", "threads=2", "tracker=none").must_work()
 
 

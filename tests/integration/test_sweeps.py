@@ -1,0 +1,55 @@
+"""The sweeps of the paper's figures and tables: each composes as it stands, and runs when scaled down."""
+
+from pathlib import Path
+
+import pandas as pd
+import pytest
+import yaml
+from hydra import compose, initialize_config_dir
+
+from apf.config import config_dir, validate
+from integration.command_line import REPOSITORY, TINY, call
+
+SWEEPS = REPOSITORY / "sweeps"
+RUNS = {"strategies": 16, "baselines": 8, "architectures": 9, "predictors": 2}
+SAMPLERS = {
+    "strategies": {"sequential", "incremental", "complete", "greedy"},
+    "baselines": {"random_ss", "random_comp"},
+}
+
+
+def test_every_sweep_is_tested() -> None:
+    assert {path.stem for path in (SWEEPS / "experiment").glob("*.yaml")} == set(RUNS)
+
+
+@pytest.mark.parametrize("name", RUNS)
+def test_a_sweep_as_it_stands_is_valid(name: str) -> None:
+    with initialize_config_dir(config_dir(), version_base="1.3"):
+        overrides = [f"hydra.searchpath=[file://{SWEEPS}]", f"+experiment={name}"]
+        cfg = compose("config", overrides, return_hydra_config=True)
+        assert validate(compose("config", overrides)).sweep == name
+    runs = 1
+    for values in cfg.hydra.sweeper.params.values():
+        runs *= int(values[6:-1]) if values.startswith("range(") else len(values.split(","))
+    assert runs == RUNS[name]
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("no_figures")
+@pytest.mark.parametrize("name", RUNS)
+def test_a_sweep_scaled_down(name: str, here: Path) -> None:
+    sweep = ("-m", "--config-dir", str(SWEEPS), f"+experiment={name}", "hydra/launcher=basic")
+    one_seed = () if name == "predictors" else ("hydra.sweeper.params.seed=0",)
+    its_own = ("evaluation.lengths", "evaluation.every", *(["evaluation.problems"] if name == "architectures" else []))
+    small = [word for word in TINY if not word.startswith(its_own)]
+    call(*sweep, *one_seed, *small, "model.network.hidden=4").must_work()
+    runs = [path for path in (here / "runs" / name).iterdir() if path.is_dir()]
+    assert len(runs) == (2 if name == "predictors" else len(SAMPLERS.get(name, {"tgn", "fcgn", "lstm"})))
+    states = [yaml.safe_load((run / "run.yaml").read_text()) for run in runs]
+    assert all(state["finished"] for state in states)
+    if name in SAMPLERS:
+        assert {state["choices"]["sampler"] for state in states} == SAMPLERS[name]
+    for run in runs:
+        accuracy, regret = (pd.read_parquet(run / f"{table}.parquet") for table in ("accuracy", "regret"))
+        assert set(accuracy["length"]) == {2, 3, 4, 5, 6, 7}
+        assert set(regret["world"]) == (set() if name == "architectures" else {"analytic", "noisy"})
