@@ -1,0 +1,70 @@
+"""Regret and towers standing of one or many runs, at each evaluation or the last, as a table.
+
+python analysis/tabulate.py runs/strategies runs/predictors --out results/regret.csv --towers 200
+"""
+
+import argparse
+import sys
+from pathlib import Path
+
+import pandas as pd
+from rich.console import Console
+from rich.table import Table
+
+from apf.errors import InputError
+from apf.runs import find_runs, gather
+
+
+def tabulate(regret: pd.DataFrame) -> pd.DataFrame:
+    """One row for each group, world, task and number of towers: quartiles, mean, towers standing and chosen, runs.
+
+    Regret is that of problems in which a candidate stands; standing and chosen count all problems.
+    """
+    by = regret.groupby(["group", "world", "task", "towers"], sort=False)
+    table = by["regret"].quantile([0.25, 0.5, 0.75]).unstack().set_axis(["q25", "median", "q75"], axis=1)
+    table["mean"] = by["regret"].mean()
+    table["standing"] = by["feasible"].sum()
+    table["chosen"] = by.size()
+    table["runs"] = by["run"].nunique()
+    return table.reset_index()
+
+
+def at(table: pd.DataFrame, towers: int | None) -> pd.DataFrame:
+    """The rows of each group's last evaluation, or of the last with at most so many towers."""
+    if towers is not None:
+        table = table[table["towers"] <= towers]
+    return table[table["towers"] == table.groupby("group")["towers"].transform("max")]
+
+
+def main() -> None:
+    """Write and show the table for the runs on the command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("directories", nargs="+", type=Path, metavar="DIR", help="a run, or a folder that holds runs")
+    parser.add_argument("--out", type=Path, help="CSV to write")
+    parser.add_argument("--towers", type=int, help="show each group's last evaluation with at most so many towers")
+    arguments = parser.parse_args()
+    try:
+        runs, unfinished = find_runs(arguments.directories)
+        for directory in unfinished:
+            print(f"left out, not finished: {directory}", file=sys.stderr)
+        table = tabulate(gather(runs, "regret"))
+        shown = at(table, arguments.towers)
+        if shown.empty:
+            raise InputError("the runs hold no regret at so few towers")
+        if arguments.out:
+            arguments.out.parent.mkdir(parents=True, exist_ok=True)
+            table.to_csv(arguments.out, index=False, float_format="%.4f")
+    except InputError as error:
+        sys.exit(f"error: {error}")
+    except OSError as error:
+        sys.exit(f"error: {error.filename}: {error.strerror}")
+    lines = Table("group", "towers", "world", "task", "median", "quartiles", "mean", "standing", "runs", box=None)
+    for row in shown.to_dict("records"):
+        quartiles = f"{row['q25']:.3f} to {row['q75']:.3f}"
+        numbers = (f"{row['median']:.3f}", quartiles, f"{row['mean']:.3f}", f"{row['standing']} of {row['chosen']}")
+        lines.add_row(row["group"], str(row["towers"]), row["world"], row["task"], *numbers, str(row["runs"]))
+    Console().print(lines, highlight=False)
+
+
+if __name__ == "__main__":
+    main()
