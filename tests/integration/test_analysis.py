@@ -16,6 +16,8 @@ from apf.runs import Run, find_runs, gather, label_runs
 from integration.command_line import ANALYSIS, spawn
 
 SCRIPTS = {"regret": ANALYSIS / "plot_regret.py", "accuracy": ANALYSIS / "plot_accuracy.py"}
+SAMPLERS = ("sequential", "random_ss")
+TABLE, CLAIMS = ANALYSIS / "table_regret.py", ANALYSIS / "claims.py"
 
 
 def plot(monkeypatch: pytest.MonkeyPatch, name: str, *arguments: str | Path) -> None:
@@ -257,3 +259,42 @@ def test_find_runs_and_gather(sweep: Path, tmp_path: Path) -> None:
     assert table.groupby("group")["run"].nunique().to_dict() == {"sequential": 2, "random_ss": 2}
     with pytest.raises(InputError, match="no finished run"):
         find_runs([tmp_path])
+
+
+@pytest.mark.slow
+def test_table_regret(sweep: Path, tmp_path: Path) -> None:
+    folder = sweep / "runs" / "mine"
+    result = spawn([TABLE, folder, "--out", tmp_path / "regret.csv", "--towers", "11"], cwd=tmp_path).must_work()
+    table = pd.read_csv(tmp_path / "regret.csv")
+    assert len(table) == 2 * 2 * 3 * 2
+    assert set(table["chosen"]) == {2 * 3}  # runs x problems
+    regret = pd.concat(pd.read_parquet(run / "regret.parquet") for run in folder.glob("sequential-*"))
+    keys = ["world", "task", "towers"]
+    for _, row in table[table["group"] == "sequential"].iterrows():
+        mine = regret[(regret[keys] == row[keys]).all(axis=1)]
+        assert row["standing"] == mine["feasible"].sum()
+        expected = [*mine["regret"].quantile([0.25, 0.5, 0.75]), mine["regret"].mean()]
+        assert np.allclose(row[["q25", "median", "q75", "mean"]].astype(float), expected, atol=1e-4, equal_nan=True)
+    shown = [line.split()[1] for line in result.out.splitlines() if line.split()[0] in ("sequential", "random_ss")]
+    assert shown == ["10"] * 2 * 2 * 3
+    spawn([TABLE, folder, "--towers", "3"], cwd=tmp_path).must_refuse("no regret")
+
+
+@pytest.mark.slow
+def test_claims_of_runs(sweep: Path, tmp_path: Path) -> None:
+    """From run directories; the claims about what was not run say so."""
+    folder = sweep / "runs" / "mine"
+    result = spawn([CLAIMS, folder, "--out", tmp_path / "claims.csv", "--draws", "5"], cwd=tmp_path).must_work()
+    table = pd.read_csv(tmp_path / "claims.csv").set_index("claim")
+    assert str(tmp_path / "claims.csv") in result.out
+    row = table.loc["6. Sequential beats random_ss"]
+    assert row["runs"] == "2 + 2"
+    parts = {name: pd.concat(map(pd.read_parquet, folder.glob(f"{name}-*/regret.parquet"))) for name in SAMPLERS}
+    means = {
+        name: part[part["world"] == "analytic"].groupby(["task", "towers"])["regret"].mean().mean()
+        for name, part in parts.items()
+    }
+    assert row["value"] == pytest.approx(means["random_ss"] - means["sequential"], abs=1e-3)
+    assert table.loc["6. Random_ss beats greedy", "verdict"] == "undecided"
+    assert "greedy" in table.loc["6. Random_ss beats greedy", "note"]
+    spawn([CLAIMS, tmp_path], cwd=tmp_path).must_refuse("no finished run")

@@ -1,12 +1,13 @@
 """Regret and towers standing of one or many runs, at each evaluation or the last, as a table.
 
-python analysis/tabulate.py runs/strategies runs/predictors --out results/regret.csv --towers 200
+python analysis/table_regret.py runs/strategies runs/predictors --out results/regret.csv --towers 200
 """
 
 import argparse
 import sys
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 from rich.console import Console
 from rich.table import Table
@@ -14,14 +15,16 @@ from rich.table import Table
 from apf.errors import InputError
 from apf.runs import find_runs, gather
 
+WIDTH = 140
 
-def tabulate(regret: pd.DataFrame) -> pd.DataFrame:
+
+def table_of(regret: pd.DataFrame) -> pd.DataFrame:
     """One row for each group, world, task and number of towers: quartiles, mean, towers standing and chosen, runs.
 
     Regret is that of problems in which a candidate stands; standing and chosen count all problems.
     """
     by = regret.groupby(["group", "world", "task", "towers"], sort=False)
-    table = by["regret"].quantile([0.25, 0.5, 0.75]).unstack().set_axis(["q25", "median", "q75"], axis=1)
+    table = by["regret"].quantile(np.array([0.25, 0.5, 0.75])).unstack().set_axis(["q25", "median", "q75"], axis=1)
     table["mean"] = by["regret"].mean()
     table["standing"] = by["feasible"].sum()
     table["chosen"] = by.size()
@@ -47,7 +50,7 @@ def main() -> None:
         runs, unfinished = find_runs(arguments.directories)
         for directory in unfinished:
             print(f"left out, not finished: {directory}", file=sys.stderr)
-        table = tabulate(gather(runs, "regret"))
+        table = table_of(gather(runs, "regret"))
         shown = at(table, arguments.towers)
         if shown.empty:
             raise InputError("the runs hold no regret at so few towers")
@@ -63,7 +66,7 @@ def main() -> None:
         quartiles = f"{row['q25']:.3f} to {row['q75']:.3f}"
         numbers = (f"{row['median']:.3f}", quartiles, f"{row['mean']:.3f}", f"{row['standing']} of {row['chosen']}")
         lines.add_row(row["group"], str(row["towers"]), row["world"], row["task"], *numbers, str(row["runs"]))
-    Console().print(lines, highlight=False)
+    Console(width=WIDTH).print(lines, highlight=False)
 
 
 if __name__ == "__main__":
