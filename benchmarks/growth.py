@@ -168,7 +168,7 @@ def prepare_epoch(size: dict[str, int], weights: str) -> Callable[[], object]:
     labels = np.ones((size["towers"], size["length"]), np.int8)
     train = examples([Labelled(plans, labels)], ensemble.kind, ensemble.domain)
     one_epoch, generators = epoch_of(ensemble.training, train), new_generators(ensemble)
-    return lambda: fit(ensemble.network, train, [], one_epoch, *generators)
+    return lambda: fit(ensemble.network, train, [], one_epoch, *generators, size["towers"])
 
 
 def prepare_bald(size: dict[str, int], weights: str) -> Callable[[], object]:

@@ -39,7 +39,7 @@ def epoch(setting: Setting, model: str, target: Target) -> Case:
     check_training(ensemble, train, samples)
 
     def ours() -> None:
-        fit(ensemble.network, train, [], one_epoch, *generators)
+        fit(ensemble.network, train, [], one_epoch, *generators, setting.sizes.labelled)
 
     fraction = setting.sizes.members_reference
     members = plain_members(ensemble)[:fraction]
@@ -93,7 +93,7 @@ def check_training(ensemble: Ensemble, train: list[Examples], samples: plain_lea
             torch.testing.assert_close(plain_gradients[name], gradient, rtol=1e-3, atol=1e-6)
     network.zero_grad()
     standing_still = changed(epoch_of(ensemble.training, batch), learning_rate=1e-12)
-    history = fit(network, batch, [], standing_still, *new_generators(ensemble))
+    history = fit(network, batch, [], standing_still, *new_generators(ensemble), plans=1)
     np.testing.assert_allclose(history.train_loss[0], loss.detach().numpy(), rtol=1e-4)
 
 
@@ -119,7 +119,9 @@ def acquisition(setting: Setting) -> Case:
     train = setting.examples()
     one_epoch, generators = epoch_of(ensemble.training, train), new_generators(ensemble)
     epochs = ensemble.training.updates / one_epoch.updates
-    of_epoch = products_with_weights(ensemble.network, lambda: fit(ensemble.network, train, [], one_epoch, *generators))
+    of_epoch = products_with_weights(
+        ensemble.network, lambda: fit(ensemble.network, train, [], one_epoch, *generators, setting.sizes.labelled)
+    )
     of_proposal = products_with_weights(
         ensemble.network,
         lambda: config.sampler.propose(ensemble, config.domain, [], config.acquisition.towers, stream(SEED, "propose")),

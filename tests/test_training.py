@@ -146,7 +146,7 @@ def test_what_is_kept_is_a_running_mean_of_the_weights(monkeypatch: pytest.Monke
         generators = [torch.Generator().manual_seed(member) for member in range(2)]
         model.network.reset(generators)
         starts = [parameter.detach().clone() for parameter in model.network.parameters()]
-        fit(model.network, group, group, model.training, generators, torch.Generator())
+        fit(model.network, group, group, model.training, generators, torch.Generator(), plans=20)
         kept = 0.0
         for update in range(1, updates + 1):
             share = min(averaging, update / (update + 9))
@@ -163,7 +163,7 @@ def test_members_train_the_same_alone_and_together() -> None:
         mine = [torch.Generator().manual_seed(member) for member in members]
         model.network.reset(mine)
         parts = (examples(part, Kind.SUBSEQUENCE, DOMAIN) for part in (train, validation))
-        history = fit(model.network, *parts, model.training, mine, torch.Generator())
+        history = fit(model.network, *parts, model.training, mine, torch.Generator(), plans=40)
         losses.append(history.train_loss[-1, members.index(1)])
     np.testing.assert_allclose(*losses, rtol=1e-4)
 

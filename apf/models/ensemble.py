@@ -62,7 +62,8 @@ class Ensemble(Predictor):
         if not self.training.early_stopping:
             train, validation = [*train, *validation], []
         train_examples, validation_examples = (examples(part, self.kind, self.domain) for part in (train, validation))
-        return fit(self.network, train_examples, validation_examples, self.training, generators, turns)
+        plans = sum(len(group.labels) for group in train)
+        return fit(self.network, train_examples, validation_examples, self.training, generators, turns, plans)
 
     def predict(self, plans: Any) -> np.ndarray:
         """[E, N, P] float64: what each member says of each plan.

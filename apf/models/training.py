@@ -31,8 +31,9 @@ class Training:
     """
 
     learning_rate: PositiveFloat = 1e-2
-    weight_decay: NonNegativeFloat = 0.2
-    """Decoupled, as AdamW has it: an update takes learning_rate x weight_decay of each weight."""
+    weight_decay: NonNegativeFloat = 40
+    """An update takes learning_rate x weight_decay / labelled plans of each weight: like a prior, it counts for less
+    the more there is to learn from."""
     batch: PositiveInt = 64
     """Labels in a batch of one member, about: a batch holds plans of one length."""
     updates: PositiveInt = 1000
@@ -72,9 +73,11 @@ def fit(
     training: Training,
     generators: list[torch.Generator],
     turns: torch.Generator,
+    plans: int,
 ) -> History:
     """Train the network in place, each member on batches of its own.
 
+    plans: how many labelled plans the training examples are views of.
     validation: to choose by which weights to keep; if empty, the last are kept.
     generators: one per member, for the order of its examples. turns: for the order of lengths.
     Raises FloatingPointError if a loss is not finite.
@@ -84,7 +87,8 @@ def fit(
     members = len(generators)
     weights = nn.Parameter(parameters_to_vector(network.parameters()))
     network.use(weights)
-    optimiser = torch.optim.AdamW([weights], lr=training.learning_rate, weight_decay=training.weight_decay, fused=True)
+    decay = training.weight_decay / plans
+    optimiser = torch.optim.AdamW([weights], lr=training.learning_rate, weight_decay=decay, fused=True)
     mean, kept_weights = weights.detach().clone(), torch.empty_like(weights)
     lowest, kept = torch.full((members,), torch.inf), torch.zeros(members, dtype=torch.long)
     losses: list[np.ndarray] = []
