@@ -6,8 +6,6 @@ A statistic's interval holds the middle 95 % of a bootstrap over runs and proble
 is on its side of the bound, fails if all of it is on the other side, and is undecided otherwise.
 """
 
-import argparse
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -16,10 +14,8 @@ from pathlib import Path
 import measures as m
 import numpy as np
 import pandas as pd
+from commands import finished_runs, one_line_errors, parser_of
 from evidence import Evidence, MissingError
-
-from apf.errors import InputError
-from apf.runs import find_runs
 
 COLUMNS = ["claim", "paper", "statistic", "value", "low", "high", "runs", "verdict", "note"]
 ANALYTIC, SIMULATION = "predictor analytic", "predictor simulation"
@@ -257,22 +253,14 @@ def table_of_claims(evidence: Evidence, draws: int) -> pd.DataFrame:
 
 def main() -> None:
     """Write the table of claims for the runs on the command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("directories", nargs="+", type=Path, metavar="DIR", help="a run, or a folder that holds runs")
+    parser = parser_of(__doc__)
     parser.add_argument("--out", type=Path, default=Path("claims.csv"), help="CSV to write (default: %(default)s)")
     parser.add_argument("--draws", type=int, default=1000, help="bootstrap samples (default: %(default)s)")
     arguments = parser.parse_args()
-    try:
-        runs, unfinished = find_runs(arguments.directories)
-        for directory in unfinished:
-            print(f"left out, not finished: {directory}", file=sys.stderr)
-        table = table_of_claims(Evidence.of(runs), arguments.draws)
+    with one_line_errors():
+        table = table_of_claims(Evidence.of(finished_runs(arguments.directories)), arguments.draws)
         arguments.out.parent.mkdir(parents=True, exist_ok=True)
         table.to_csv(arguments.out, index=False, float_format="%.3f")
-    except InputError as error:
-        sys.exit(f"error: {error}")
-    except OSError as error:
-        sys.exit(f"error: {error.filename}: {error.strerror}")
     for verdict, claim in zip(table["verdict"], table["claim"]):
         print(f"{verdict:10} {claim}")
     print(arguments.out)

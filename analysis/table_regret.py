@@ -3,17 +3,16 @@
 python analysis/table_regret.py runs/strategies runs/predictors --out results/regret.csv --towers 200
 """
 
-import argparse
-import sys
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from commands import finished_runs, one_line_errors, parser_of
 from rich.console import Console
 from rich.table import Table
 
 from apf.errors import InputError
-from apf.runs import find_runs, gather
+from apf.runs import gather
 
 WIDTH = 140
 
@@ -41,26 +40,18 @@ def at(table: pd.DataFrame, towers: int | None) -> pd.DataFrame:
 
 def main() -> None:
     """Write and show the table for the runs on the command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("directories", nargs="+", type=Path, metavar="DIR", help="a run, or a folder that holds runs")
+    parser = parser_of(__doc__)
     parser.add_argument("--out", type=Path, help="CSV to write")
     parser.add_argument("--towers", type=int, help="show each group's last evaluation with at most so many towers")
     arguments = parser.parse_args()
-    try:
-        runs, unfinished = find_runs(arguments.directories)
-        for directory in unfinished:
-            print(f"left out, not finished: {directory}", file=sys.stderr)
-        table = table_of(gather(runs, "regret"))
+    with one_line_errors():
+        table = table_of(gather(finished_runs(arguments.directories), "regret"))
         shown = at(table, arguments.towers)
         if shown.empty:
             raise InputError("the runs hold no regret at so few towers")
         if arguments.out:
             arguments.out.parent.mkdir(parents=True, exist_ok=True)
             table.to_csv(arguments.out, index=False, float_format="%.4f")
-    except InputError as error:
-        sys.exit(f"error: {error}")
-    except OSError as error:
-        sys.exit(f"error: {error.filename}: {error.strerror}")
     lines = Table("group", "towers", "world", "task", "median", "quartiles", "mean", "standing", "runs", box=None)
     for row in shown.to_dict("records"):
         quartiles = f"{row['q25']:.3f} to {row['q75']:.3f}"

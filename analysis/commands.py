@@ -1,0 +1,36 @@
+"""What the scripts share: run directories as arguments, and one line instead of a traceback for a user's mistake."""
+
+import argparse
+import contextlib
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from apf.errors import InputError
+from apf.runs import Run, find_runs
+
+
+def parser_of(doc: str | None) -> argparse.ArgumentParser:
+    """A parser of a command line that begins with directories."""
+    parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("directories", nargs="+", type=Path, metavar="DIR", help="a run, or a folder that holds runs")
+    return parser
+
+
+def finished_runs(directories: Sequence[Path]) -> list[Run]:
+    """All finished runs there; says which others were left out. Raises InputError if there are none."""
+    runs, unfinished = find_runs(directories)
+    for directory in unfinished:
+        print(f"left out, not finished: {directory}", file=sys.stderr)
+    return runs
+
+
+@contextlib.contextmanager
+def one_line_errors() -> Iterator[None]:
+    """A mistake in the input, or a file that cannot be written, ends the process with one line and exit code 1."""
+    try:
+        yield
+    except InputError as error:
+        sys.exit(f"error: {error}")
+    except OSError as error:
+        sys.exit(f"error: {error.filename}: {error.strerror}")
