@@ -1,0 +1,103 @@
+"""Motions between two joint configurations that touch nothing: RRT-Connect (Section Perception, planning, execution)."""
+
+from collections.abc import Collection
+
+import numpy as np
+from ompl import base as ob
+from ompl import geometric as og
+from ompl import util as ou
+from pydantic import NonNegativeFloat, PositiveFloat, PositiveInt
+
+from apf.settings import settings
+from apf.worlds.panda.belief import Belief, Held
+from apf.worlds.panda.kinematics import JOINTS, LOWER, UPPER
+
+ou.setLogLevel(ou.LogLevel.LOG_NONE)  # RRT-Connect tells of each start and goal, and of seeds that are set anew
+
+
+@settings
+class MotionSettings:
+    """How motions are looked for."""
+
+    clearance: NonNegativeFloat = 0.008
+    """From everything, in a motion from place to place [m]."""
+    near: NonNegativeFloat = 0.001
+    """From everything but the block itself, in approach, lift, lower, retreat [m]."""
+    step: PositiveFloat = 0.06
+    """Collisions are checked at points this far apart [rad], in the joint that moves most."""
+    reach: PositiveFloat = 0.6
+    """Longest branch of the tree [rad]."""
+    iterations: PositiveInt = 1500
+    """Of the planner, after which it gives up."""
+    shortcuts: PositiveInt = 40
+    """Attempts to shorten what it found."""
+
+
+def find_motion(
+    belief: Belief,
+    start: np.ndarray,
+    goal: np.ndarray,
+    held: Held | None,
+    how: MotionSettings,
+    seed: int,
+    ignore: Collection[int] = (),
+) -> np.ndarray | None:
+    """[M, 7] joints from start [7] to goal [7], both included, along which nothing is touched; None: none was found.
+
+    A straight line if that is free, else by RRT-Connect, shortened. Depends on nothing but the arguments.
+    """
+
+    def free(q: np.ndarray) -> bool:
+        return not belief.touches(q, held, how.clearance, ignore=ignore)
+
+    if not free(start) or not free(goal):
+        return None
+    if all(free(q) for q in between(start, goal, how.step)):
+        return np.array([start, goal])
+    return _rrt_connect(start, goal, free, how, seed)
+
+
+def between(start: np.ndarray, goal: np.ndarray, step: float) -> np.ndarray:
+    """[M, 7] points on the line between two configurations, ends left out, at most `step` [rad] apart; middle first."""
+    n = int(np.ceil(np.abs(goal - start).max() / step))
+    order = sorted(range(1, n), key=lambda i: (-(i & -i), i))
+    return start + np.array(order)[:, None] / max(n, 1) * (goal - start) if order else np.empty((0, JOINTS))
+
+
+def _rrt_connect(start: np.ndarray, goal: np.ndarray, free, how: MotionSettings, seed: int) -> np.ndarray | None:  # type: ignore[no-untyped-def]
+    ou.RNG.setSeed(seed)  # of what is made from here on
+    space = ob.RealVectorStateSpace(JOINTS)
+    bounds = ob.RealVectorBounds(JOINTS)
+    for joint in range(JOINTS):
+        bounds.setLow(joint, float(LOWER[joint]))
+        bounds.setHigh(joint, float(UPPER[joint]))
+    space.setBounds(bounds)
+    information = ob.SpaceInformation(space)
+    information.setStateValidityChecker(lambda state: free(_joints(state)))
+    information.setStateValidityCheckingResolution(how.step / space.getMaximumExtent())
+    information.setup()
+    problem = ob.ProblemDefinition(information)
+    ends = [space.allocState(), space.allocState()]
+    for state, q in zip(ends, (start, goal)):
+        for joint in range(JOINTS):
+            state[joint] = float(q[joint])
+    problem.setStartAndGoalStates(*ends)
+    planner = og.RRTConnect(information)
+    planner.setRange(how.reach)
+    planner.setProblemDefinition(problem)
+    planner.setup()
+    rounds = iter(range(how.iterations))
+    if not planner.solve(ob.PlannerTerminationCondition(lambda: next(rounds, None) is None)):
+        return None
+    if problem.hasApproximateSolution():
+        return None
+    path = problem.getSolutionPath()
+    simplifier = og.PathSimplifier(information)
+    simplifier.reduceVertices(path, how.shortcuts, how.shortcuts)
+    simplifier.partialShortcutPath(path, how.shortcuts, how.shortcuts)
+    simplifier.reduceVertices(path, how.shortcuts, how.shortcuts)
+    return np.array([_joints(path.getState(i)) for i in range(path.getStateCount())])
+
+
+def _joints(state: ob.State) -> np.ndarray:
+    return np.array([state[joint] for joint in range(JOINTS)])
