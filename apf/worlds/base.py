@@ -1,6 +1,8 @@
 """What the experiment asks of a world: carry out plans, say which prefixes stood (detailedPlanEx)."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -10,12 +12,36 @@ from apf.errors import Stopped
 from apf.interrupts import TimeLimitError, time_limit
 
 
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What came of one plan: its labels [K], and what the world measured and how it was left, as JSON can hold it."""
+
+    labels: np.ndarray
+    report: dict[str, Any] | None = None
+
+
 class World(ABC):
     """Where plans are executed."""
 
     @abstractmethod
     def execute(self, plans: Any, rng: np.random.Generator) -> np.ndarray:
         """Carry out N plans of K placements. Returns labels [N, K] int8: 1 stood, 0 fell, -1 not attempted."""
+
+    def attempt(self, plan: Any, rng: np.random.Generator, before: Mapping[str, Any] | None = None) -> Outcome:
+        """Carry out one plan (N = 1). `before`: the report of the one before it; a world that is left in some state
+        starts from what it says, and from nothing else, so that a run that goes on later finds what it left."""
+        return Outcome(np.asarray(self.execute(plan, rng)))
+
+    @property
+    def initial_world(self) -> "World":
+        """Where an experiment in this world labels the plans that it starts from."""
+        return self
+
+    def check(self, blocks: Any, height: float) -> None:  # noqa: B027
+        """Raises InputError if plans with these blocks, at most so high [m], cannot be carried out here."""
+
+    def close(self) -> None:  # noqa: B027
+        """Give back what the world holds, if it holds anything."""
 
 
 def carry_out(world: World, plan: Any, rng: np.random.Generator, limit: float | None, what: str) -> np.ndarray:

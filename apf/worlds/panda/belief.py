@@ -92,6 +92,15 @@ class Belief(Scene):
                     return True
         return False
 
+    def touched(self, q: np.ndarray, clearance: float) -> list[int]:
+        """The blocks that the arm at joints q [7] would come closer to than `clearance` [m]."""
+        self.pose_arm(q)
+        return [
+            i
+            for i, body in enumerate(self.bodies)
+            if any(point[8] < clearance for point in self.client.getClosestPoints(self.robot, body, clearance))
+        ]
+
     def fits(self, block: int, where: np.ndarray, clearance: float) -> bool:
         """Is there room for a block at a pose [4, 4], `clearance` [m] from all other blocks?"""
         return not self.in_the_way(block, where, clearance)

@@ -10,9 +10,13 @@ from pydantic import NonNegativeFloat, PositiveFloat, PositiveInt
 
 from apf.settings import settings
 from apf.worlds.panda.belief import Belief, Held
-from apf.worlds.panda.kinematics import JOINTS, LOWER, UPPER
+from apf.worlds.panda.kinematics import JOINTS, LOWER, REST, UPPER
 
 ou.setLogLevel(ou.LogLevel.LOG_NONE)  # RRT-Connect tells of each start and goal, and of seeds that are set anew
+
+
+END = 0.05
+"""So near to either end of a motion [rad] the clearance of straight lines holds: it goes on from one, or to one."""
 
 
 @settings
@@ -44,16 +48,22 @@ def find_motion(
 ) -> np.ndarray | None:
     """[M, 7] joints from start [7] to goal [7], both included, along which nothing is touched; None: none was found.
 
-    A straight line if that is free, else by RRT-Connect, shortened. Depends on nothing but the arguments.
+    A straight line if that is free, or two with the arm raised between them, else by RRT-Connect, shortened. Depends on
+    nothing but the arguments.
     """
 
     def free(q: np.ndarray) -> bool:
-        return not belief.touches(q, held, how.clearance, ignore=ignore)
+        at_an_end = min(np.abs(q - start).max(), np.abs(q - goal).max()) < END
+        return not belief.touches(q, held, how.near if at_an_end else how.clearance, ignore=ignore)
 
     if not free(start) or not free(goal):
         return None
-    if all(free(q) for q in between(start, goal, how.step)):
-        return np.array([start, goal])
+    for via in ([], [_above(start, goal)]):
+        path = np.array([start, *via, goal])
+        if all(free(q) for q in via) and all(
+            free(q) for a, b in zip(path[:-1], path[1:]) for q in between(a, b, how.step)
+        ):
+            return path
     return _rrt_connect(start, goal, free, how, seed)
 
 
@@ -62,6 +72,13 @@ def between(start: np.ndarray, goal: np.ndarray, step: float) -> np.ndarray:
     n = int(np.ceil(np.abs(goal - start).max() / step))
     order = sorted(range(1, n), key=lambda i: (-(i & -i), i))
     return start + np.array(order)[:, None] / max(n, 1) * (goal - start) if order else np.empty((0, JOINTS))
+
+
+def _above(start: np.ndarray, goal: np.ndarray) -> np.ndarray:
+    """[7] half way, but nearer to the posture of rest, in which the hand is high above the table."""
+    middle = (start + goal) / 2
+    middle[1:6] = 0.7 * REST[1:6] + 0.3 * middle[1:6]
+    return middle
 
 
 def _rrt_connect(start: np.ndarray, goal: np.ndarray, free, how: MotionSettings, seed: int) -> np.ndarray | None:  # type: ignore[no-untyped-def]
