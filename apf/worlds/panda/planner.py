@@ -24,6 +24,8 @@ from apf.worlds.panda.tasks import ABOVE, Action, Fact, solve
 NOW, GOAL = "now", "goal"
 YAWS = (0.0, np.pi / 4)
 """How a block may lie on the pedestal, besides its 24 axis-aligned rotations."""
+ROOMY = 0.065
+"""Sides [m] up to this are as good as any between the fingers; longer ones leave little room to let go."""
 PEDESTAL_MARGIN = 0.01
 """A block's centre of mass stays this far [m] from the pedestal's edge."""
 
@@ -155,10 +157,11 @@ class Planner:
         return None
 
     def _cost(self, where: np.ndarray, grasps: list[Grasp]) -> np.ndarray:
-        """[G] how unlike a hand pointing straight down at the block's middle; infinite where it tilts too far."""
+        """[G] how unlike a hand pointing straight down at the block's middle, the fingers with room to open; infinite
+        where it tilts too far."""
         tilt = tilts(where, grasps)
-        offsets = np.array([abs(grasp.offset) for grasp in grasps])
-        return np.where(tilt <= np.deg2rad(self.reach.tilt) + 1e-9, tilt**2 + 10 * offsets, np.inf)
+        others = np.array([10 * abs(grasp.offset) + 20 * max(0.0, grasp.width - ROOMY) for grasp in grasps])
+        return np.where(tilt <= np.deg2rad(self.reach.tilt) + 1e-9, tilt**2 + others, np.inf)
 
     def _resting(self, block: int) -> Iterator[np.ndarray]:
         """Poses [4, 4] of a block on the pedestal, in which it does not fall off."""

@@ -81,11 +81,9 @@ class Reality(Scene):
         client.setTimeStep(1 / self.physics.rate)
         client.setPhysicsEngineParameter(numSolverIterations=self.physics.iterations)
         for body in (self.table, self.pedestal, *self.bodies):
-            client.changeDynamics(
-                body, -1, lateralFriction=self.physics.friction, spinningFriction=1e-3, rollingFriction=1e-4
-            )
+            client.changeDynamics(body, -1, lateralFriction=self.physics.friction)
         for finger in FINGERS:
-            client.changeDynamics(self.robot, finger, lateralFriction=self.gripper.friction, spinningFriction=1e-3)
+            client.changeDynamics(self.robot, finger, lateralFriction=self.gripper.friction)
         gear = client.createConstraint(
             self.robot, LEFT, self.robot, RIGHT, client.JOINT_GEAR, (1, 0, 0), (0, 0, 0), (0, 0, 0)
         )
@@ -162,23 +160,28 @@ class Reality(Scene):
             self._tie(block)
 
     def release(self) -> None:
-        """Open the fingers."""
+        """Open the fingers, first so gently that both let go together: what they press on must not jump."""
         if self._tied is not None:
             self.client.removeConstraint(self._tied)
             self._tied = None
-        self._fingers(FINGER_SPEED / 2)
+        for share in (0.3, 0.1, 0.03):
+            self._fingers(-FINGER_SPEED, share)
+            self.wait(0.04)
+        self._fingers(FINGER_SPEED / 4)
+        self.wait(0.05)
+        self._fingers(FINGER_SPEED)
         for _ in range(self.physics.rate):
             self.step()
             if self.width() > 2 * OPEN - 0.001:
                 break
 
-    def _fingers(self, speed: float) -> None:
+    def _fingers(self, speed: float, share: float = 1.0) -> None:
         self.client.setJointMotorControlArray(
             self.robot,
             FINGERS,
             self.client.VELOCITY_CONTROL,
             targetVelocities=[speed, speed],
-            forces=[self.gripper.force] * 2,
+            forces=[share * self.gripper.force] * 2,
         )
 
     def _touches(self, block: int) -> bool:
