@@ -5,13 +5,13 @@ from contextlib import contextmanager
 
 import numpy as np
 import pybullet
-import pybullet_data
 from pybullet_utils.bullet_client import BulletClient
 
 from apf.towers import BlockSet
 from apf.worlds.panda.geometry import from_vector, to_vector
 from apf.worlds.panda.kinematics import JOINTS, REST
 from apf.worlds.panda.layout import Layout
+from apf.worlds.panda.model import urdf
 
 ARM = list(range(JOINTS))
 HAND, LEFT, RIGHT, TARGET = 8, 9, 10, 11
@@ -51,7 +51,6 @@ class Scene:
     def __init__(self, layout: Layout, gui: bool = False) -> None:
         self.layout = layout
         self.client = BulletClient(pybullet.GUI if gui else pybullet.DIRECT)
-        self.client.setAdditionalSearchPath(pybullet_data.getDataPath())
         self.blocks: BlockSet | None = None
         self.bodies: list[int] = []
 
@@ -73,7 +72,7 @@ class Scene:
             self.pedestal = self._box((width, depth, height), (*self.layout.pedestal, height / 2), STONE)
             self._box(MARK, (*self.layout.base, 0), GREEN, collides=False)
             flags = self.client.URDF_ENABLE_CACHED_GRAPHICS_SHAPES
-            self.robot = self.client.loadURDF("franka_panda/panda.urdf", useFixedBase=True, flags=flags)
+            self.robot = self.client.loadURDF(urdf(), useFixedBase=True, flags=flags)
             self.bodies = [self._block(i) for i in range(len(blocks))]
         for i, where in enumerate(poses):
             self.put(i, where)
