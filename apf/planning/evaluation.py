@@ -79,7 +79,8 @@ class Evaluator:
                 rng = stream(self.settings.seed, "reward", step, problem, number)
                 chosen = candidates[choice.index : choice.index + 1]
                 what = f"the tower chosen for {name} in problem {problem}"
-                feasible = bool((carry_out(self.settings.world, chosen, rng, self.time_limit, what) == 1).all())
+                outcome = carry_out(self.settings.world, chosen, rng, self.time_limit, what)
+                feasible = bool((outcome.labels == 1).all())
                 reward = choice.value if feasible else 0.0
                 regret = (best[name] - reward) / best[name] if best[name] > 0 else np.nan
                 rows.append((step, towers, name, problem, choice.value, best[name], regret, feasible))

@@ -1,17 +1,19 @@
 """The robot world: plans are carried out by a simulated Panda, and labelled by what comes of it."""
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import field
 from typing import Any, Literal
 
 import numpy as np
+import pandas as pd
 from pydantic import Field
 
 from apf.errors import Stopped
 from apf.settings import settings
 from apf.towers import BlockSet, Towers
 from apf.worlds.base import Outcome, World
+from apf.worlds.panda import accounting
 from apf.worlds.panda.belief import Belief
 from apf.worlds.panda.builder import Builder
 from apf.worlds.panda.geometry import from_vector, to_vector
@@ -53,21 +55,29 @@ class PandaWorld(World):
         """Where an experiment labels its first towers: the paper's were labelled in a noisy simulation."""
         return self.initial or self
 
-    def check(self, blocks: BlockSet, height: float) -> None:
-        """Raises InputError, naming block and limit, if the robot cannot build with the blocks, or not so high [m]."""
+    def check(self, blocks: BlockSet, length: int) -> None:
+        """Raises InputError, naming block and limit, if the robot cannot build with the blocks, or not so high."""
         check_blocks(blocks, self.gripper, self.layout)
-        check_height(height, self.layout, self.reach)
+        tallest = np.sort(blocks.dims.max(1))[::-1][:length].sum()
+        check_height(float(tallest), self.layout, self.reach)
+
+    def summary(self, reports: Sequence[Mapping[str, Any]]) -> dict[str, float]:
+        """Pick-and-places, interventions and so on, and medians of time and placement error."""
+        return accounting.summary(reports) if reports else {}
+
+    def table(self, reports: Mapping[int, Mapping[str, Any]]) -> pd.DataFrame:
+        """A row for each pick-and-place and each intervention: `accounting.COLUMNS`."""
+        return accounting.table(reports.items())
 
     def execute(self, plans: Towers, rng: np.random.Generator) -> np.ndarray:
         """Labels [N, K]; each tower begins with all blocks at home. Raises InputError before anything moves."""
-        for n in range(len(plans)):
-            self.check(plans.blocks, float(plans.dims[n, :, 2].sum()))
+        self._check_plans(plans)
         labels = [self.attempt(plans[n : n + 1], rng).labels for n in range(len(plans))]
         return np.array(labels, np.int8).reshape(plans.block.shape)
 
     def attempt(self, plan: Towers, rng: np.random.Generator, before: Mapping[str, Any] | None = None) -> Outcome:
         """Build one tower (N = 1), clear up, and report; blocks begin where `before`, an earlier report, left them."""
-        self.check(plan.blocks, float(plan.dims[0, :, 2].sum()))
+        self._check_plans(plan)
         builder = self.builder
         poses = self._poses(plan.blocks, before)
         builder.robot.begin(plan.blocks, poses, rng)
@@ -75,6 +85,10 @@ class PandaWorld(World):
         builder.tidy()
         left = {name: to_vector(p).tolist() for name, p in zip(plan.blocks.name, builder.robot.reality.poses())}
         return Outcome(labels, {"outcome": outcome, "entries": builder.robot.account.plain(), "blocks": left})
+
+    def _check_plans(self, plans: Towers) -> None:
+        check_blocks(plans.blocks, self.gripper, self.layout)
+        check_height(float(plans.dims[..., 2].sum(1).max(initial=0.0)), self.layout, self.reach)
 
     def _poses(self, blocks: BlockSet, before: Mapping[str, Any] | None) -> np.ndarray:
         """[B, 4, 4] where the blocks lie; at home, unless an earlier report of the same set says otherwise."""
