@@ -167,7 +167,9 @@ class Experiment:
         metrics = {"data/feasible_share": float(feasible.mean())}
         if step:
             metrics |= {"score/mean": scores.mean(), "score/max": scores.max(), "score/min": scores.min()}
-        metrics |= {f"world/{name}": value for name, value in self.world.summary([*self.store.reports(step).values()]).items()}
+        metrics |= {
+            f"world/{name}": value for name, value in self.world.summary([*self.store.reports(step).values()]).items()
+        }
         return Figures(step, Phase.EXECUTED, self.store.count(until=step), metrics)
 
     def evaluation_figures(self, step: int) -> Figures:

@@ -34,7 +34,7 @@ class Entry:
     purpose: `build`, `tidy` or `intervention`. outcome: `done`, or what went wrong; of an intervention its cause.
     simulated, wall: how long it took [s], planning included in the wall time. planning: its share [s]. plans: task
     plans, replans: those given up. regrasps: on the pedestal. error [m], turn [rad]: where the block came to lie,
-    against where it should; None if it was not put down.
+    against where it should; None if it was not put down, or fell.
     """
 
     purpose: str

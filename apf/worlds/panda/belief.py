@@ -75,13 +75,15 @@ class Belief(Scene):
         if where[2, 3] - np.abs(where[2, :3]) @ half < limit:  # its lowest corner and the table
             return True
         body, closest = self.bodies[held.block], self.client.getClosestPoints
-        near = np.linalg.norm(self.thought[:, :3, 3] - where[:3, 3], axis=1) < self.radii + self.radii[held.block] + 0.02
+        near = (
+            np.linalg.norm(self.thought[:, :3, 3] - where[:3, 3], axis=1) < self.radii + self.radii[held.block] + 0.02
+        )
         others = [self.pedestal, *(b for b, is_near in zip(self.bodies, near) if is_near and b in blocks)]
         vector = to_vector(where)
         self.client.resetBasePositionAndOrientation(body, vector[:3].tolist(), vector[3:].tolist())
-        found = any(
-            point[8] < limit for other in others for point in closest(body, other, max(limit, 0.0))
-        ) or any(closest(body, self.robot, 0.0, linkIndexB=link) for link in LOWER_LINKS)
+        found = any(point[8] < limit for other in others for point in closest(body, other, max(limit, 0.0))) or any(
+            closest(body, self.robot, 0.0, linkIndexB=link) for link in LOWER_LINKS
+        )
         self.put(held.block, self.thought[held.block])
         return found
 
@@ -112,7 +114,8 @@ class Belief(Scene):
         found = [
             i
             for i, other in enumerate(self.bodies)
-            if i != block and any(point[8] < clearance for point in self.client.getClosestPoints(body, other, clearance))
+            if i != block
+            and any(point[8] < clearance for point in self.client.getClosestPoints(body, other, clearance))
         ]
         self.put(block, self.thought[block])
         return found

@@ -48,6 +48,8 @@ class Builder:
             outcome = self._place(tower.block[0], goals, i)
             if outcome == DONE and not self._stands(int(tower.block[0, i]), goal):
                 outcome = FELL
+                placement = self.robot.account.entries[-1]
+                placement.error = placement.turn = None
             labels[i] = outcome == DONE
             if outcome != DONE:
                 return labels, outcome

@@ -4,7 +4,8 @@ from collections.abc import Sequence
 from math import copysign, sqrt
 
 import numpy as np
-import pybullet
+
+from apf.worlds.panda.bullet import pybullet
 
 
 def pose(position: Sequence[float] | np.ndarray, rotation: np.ndarray | None = None) -> np.ndarray:

@@ -210,9 +210,7 @@ class Planner:
                     goal = station.above if action.where == ABOVE else station.before
                     held = station.held if action.name == "move-holding" else None
                     self.effort.motions += 1
-                    path = find_motion(
-                        self.belief, q, goal, held, self.motion, int(rng.integers(1, 2**31))
-                    )
+                    path = find_motion(self.belief, q, goal, held, self.motion, int(rng.integers(1, 2**31)))
                     if path is None:
                         query.banned.add(action.station)
                         return None

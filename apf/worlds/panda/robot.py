@@ -8,7 +8,7 @@ import numpy as np
 from apf.towers import BlockSet
 from apf.worlds.panda.accounting import DONE, Account, Entry
 from apf.worlds.panda.belief import Belief
-from apf.worlds.panda.geometry import angle, disturbed, distance, inverse, moved
+from apf.worlds.panda.geometry import angle, distance, disturbed, inverse, moved
 from apf.worlds.panda.kinematics import REST, forward, straight
 from apf.worlds.panda.motion import find_motion
 from apf.worlds.panda.planner import Effort, NoPlan, Planner, Step
@@ -132,7 +132,9 @@ class Robot:
         q = self.reality.joints()
         hand = forward(q)
         reach = self.planner.reach.approach
-        back = straight([moved(hand, -hand[:3, 2] * reach * i / APPROACH_STEPS) for i in range(1, 1 + APPROACH_STEPS)], q)
+        back = straight(
+            [moved(hand, -hand[:3, 2] * reach * i / APPROACH_STEPS) for i in range(1, 1 + APPROACH_STEPS)], q
+        )
         self.reality.follow(station.approach[::-1] if back is None else back, careful)
 
     # -- when something went wrong --------------------------------------------------------------------------------

@@ -4,10 +4,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 import numpy as np
-import pybullet
-from pybullet_utils.bullet_client import BulletClient
 
 from apf.towers import BlockSet
+from apf.worlds.panda.bullet import connect
 from apf.worlds.panda.geometry import from_vector, to_vector
 from apf.worlds.panda.kinematics import JOINTS, REST
 from apf.worlds.panda.layout import Layout
@@ -50,7 +49,7 @@ class Scene:
 
     def __init__(self, layout: Layout, gui: bool = False) -> None:
         self.layout = layout
-        self.client = BulletClient(pybullet.GUI if gui else pybullet.DIRECT)
+        self.client = connect(gui)
         self.blocks: BlockSet | None = None
         self.bodies: list[int] = []
 

@@ -109,5 +109,3 @@ def find_station(
         if all(clear(q) for q in back[:-1]) and all(clear_with(q, -OVERLAP) for q in [q, *up[:-1]]):
             return Station(number, q, np.vstack([back[::-1], q]), np.vstack([q, up]), held)
     return None
-
-

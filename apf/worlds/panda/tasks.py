@@ -10,7 +10,9 @@ What stations there are (which block, at which pose, by which grasp, from which 
 static facts.
 """
 
-from collections.abc import Sequence
+import logging
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 from unified_planning.environment import get_environment
@@ -39,6 +41,17 @@ class Action:
     name: str
     station: Fact
     where: str
+
+
+@contextmanager
+def _no_log() -> Iterator[None]:
+    """pyperplan logs to the root logger, which would make Python log everything to the terminal from then on."""
+    root, nowhere = logging.getLogger(), logging.NullHandler()
+    root.addHandler(nowhere)
+    try:
+        yield
+    finally:
+        root.removeHandler(nowhere)
 
 
 def _domain() -> Problem:
@@ -119,7 +132,7 @@ def solve(block: int, now: str, goal: str, pedestal: Sequence[str], facts: Seque
             fluent["reach"](cube, named(fact.pose, POSE), named(f"g{fact.grasp}", GRASP), *joints), True
         )
     problem.add_goal(fluent["lies"](cube, objects[goal]))
-    with OneshotPlanner(name="pyperplan", params={"search": "bfs"}) as planner:  # of all plans a shortest
+    with _no_log(), OneshotPlanner(name="pyperplan", params={"search": "bfs"}) as planner:  # bfs: a shortest plan
         plan = planner.solve(problem).plan
     if plan is None:
         return None

@@ -121,5 +121,3 @@ class PandaWorld(World):
             print(f"block {block}: {cause}. Put it home and press Enter.", file=sys.stderr, flush=True)
             if not sys.stdin.readline():
                 raise Stopped(f"the robot needs a person, and nobody is at the terminal: block {block}: {cause}")
-
-
