@@ -56,7 +56,7 @@ class Builder:
         return labels, STOOD
 
     def _place(self, blocks: np.ndarray, goals: np.ndarray, i: int) -> str:
-        """Put placement i where it belongs. If that fails, from wherever the block is then, as long as the rest stands."""
+        """Put placement i where it belongs; again, from wherever the block is then, while what it builds on stands."""
         unplanned = 0
         for _ in range(self.recovery.attempts):
             if i and not self._is_at(int(blocks[i - 1]), goals[i - 1]):

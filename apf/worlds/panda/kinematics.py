@@ -35,7 +35,7 @@ def forward(q: np.ndarray) -> np.ndarray:
 
 def within_limits(q: np.ndarray) -> np.ndarray:
     """[...] bool, for joints [..., 7]: is every joint between its ends? NaN is not."""
-    return ((q >= LOWER) & (q <= UPPER)).all(-1)
+    return np.asarray(((q >= LOWER) & (q <= UPPER)).all(-1))
 
 
 def inverse_kinematics(target: np.ndarray, near: np.ndarray) -> np.ndarray:

@@ -1,9 +1,9 @@
 """The Panda of pybullet_data, with fingers whose contacts can be trusted.
 
-Its fingers are meshes. Pressed flat on a block, a mesh gets contact normals that point along the face as well as out of it,
-and a block that was let go comes along with the hand; its springy contacts with friction anchors do the rest. Here each
-finger consists of boxes instead, the ones that the maker's own description uses, and has ordinary contacts. All else is
-as it was.
+Its fingers are meshes. Pressed flat on a block, a mesh gets contact normals that point along the face as well as out
+of it, and a block that was let go comes along with the hand; its springy contacts with friction anchors do the rest.
+Here each finger consists of boxes instead, of the sizes that the maker's own description has, with ordinary contacts.
+All else is as it was.
 """
 
 import tempfile
@@ -19,7 +19,7 @@ BOXES = [
     ((0.0175, 0.007, 0.0235), (0.0, 0.0159, 0.02835), 0.5236),
     ((0.022, 0.015, 0.020), (0.0, 0.0185, 0.011), 0.0),
 ]
-"""Of the left finger: size [m], middle [m], turn about x [rad]; the first is the pad. The right one is its mirror image."""
+"""Of the left finger: size [m], middle [m], turn about x [rad]; the first is the pad. The right one mirrors it."""
 FINGER_LINKS = {"panda_leftfinger": 1.0, "panda_rightfinger": -1.0}
 
 

@@ -1,6 +1,7 @@
-"""Motions between two joint configurations that touch nothing: RRT-Connect (Section Perception, planning, execution)."""
+"""Motions that touch nothing: RRT-Connect in joint space (Section Perception, planning, and execution)."""
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
+from itertools import pairwise
 
 import numpy as np
 from ompl import base as ob
@@ -60,9 +61,7 @@ def find_motion(
         return None
     for via in ([], [_above(start, goal)]):
         path = np.array([start, *via, goal])
-        if all(free(q) for q in via) and all(
-            free(q) for a, b in zip(path[:-1], path[1:]) for q in between(a, b, how.step)
-        ):
+        if all(free(q) for q in via) and all(free(q) for a, b in pairwise(path) for q in between(a, b, how.step)):
             return path
     return _rrt_connect(start, goal, free, how, seed)
 
@@ -81,7 +80,9 @@ def _above(start: np.ndarray, goal: np.ndarray) -> np.ndarray:
     return middle
 
 
-def _rrt_connect(start: np.ndarray, goal: np.ndarray, free, how: MotionSettings, seed: int) -> np.ndarray | None:  # type: ignore[no-untyped-def]
+def _rrt_connect(
+    start: np.ndarray, goal: np.ndarray, free: Callable[[np.ndarray], bool], how: MotionSettings, seed: int
+) -> np.ndarray | None:
     ou.RNG.setSeed(seed)  # of what is made from here on
     space = ob.RealVectorStateSpace(JOINTS)
     bounds = ob.RealVectorBounds(JOINTS)

@@ -1,8 +1,8 @@
 """Task and motion planning for one abstract action: bring a block to a pose (Section Perception, planning, execution).
 
-Samplers propose stations (grasp, inverse kinematics, straight approach and lift) until the task planner finds a plan with
-them; then each of its moves is looked for. If one is not found, the station that it should have led to is given up, and
-the samplers go on.
+Samplers propose stations (grasp, inverse kinematics, straight approach and lift) until the task planner finds a plan
+with them; then each of its moves is looked for. If one is not found, the station that it should have led to is given
+up, and the samplers go on.
 """
 
 from collections.abc import Iterator
@@ -126,7 +126,7 @@ class Planner:
     # -- stations -----------------------------------------------------------------------------------------------
 
     def _chains(self, query: _Query, rng: np.random.Generator) -> Iterator[list[Fact]]:
-        """Sets of stations that suffice for a plan: by one grasp if it can be, else by two with the pedestal between."""
+        """Sets of stations that suffice for a plan: with one grasp if that can be, else two, the pedestal between."""
         grasps = self.grasps(query.block)
         if not grasps:
             return

@@ -1,6 +1,7 @@
 """The simulated robot at work: physics, joint control, and a gripper that holds by friction."""
 
 from collections.abc import Callable
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
@@ -216,7 +217,7 @@ def smooth_pieces(path: np.ndarray) -> list[np.ndarray]:
     directions = steps / np.linalg.norm(steps, axis=1, keepdims=True)
     turns = (directions[1:] * directions[:-1]).sum(1) < np.cos(np.deg2rad(15))
     corners = [0, *(np.flatnonzero(turns) + 1).tolist(), len(path) - 1]
-    return [path[a : b + 1] for a, b in zip(corners[:-1], corners[1:]) if b > a]
+    return [path[a : b + 1] for a, b in pairwise(corners) if b > a]
 
 
 def trapezoid(length: float, speed: float, acceleration: float, rate: int) -> tuple[np.ndarray, np.ndarray]:

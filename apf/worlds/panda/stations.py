@@ -64,7 +64,7 @@ def tilts(where: np.ndarray, grasps: list[Grasp]) -> np.ndarray:
 
 
 def posture(target: np.ndarray) -> np.ndarray:
-    """[7] the arm at rest, turned towards a pose [4, 4]: joints near it are near each other, so that moves are short."""
+    """[7] the arm at rest, turned towards a pose [4, 4]: joints near it are near each other, and moves short."""
     q = REST.copy()
     q[0] = np.clip(np.arctan2(target[1, 3], target[0, 3]), LOWER[0], UPPER[0])
     return q
