@@ -28,6 +28,8 @@ class Builder:
     judging: Judging
     recovery: Recovery
     ask_for_help: Callable[[str, str], None]
+    on_judged: Callable[[], None] | None = None
+    """Called after each placement was judged, e.g. to take a picture."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -51,6 +53,8 @@ class Builder:
                 placement = self.robot.account.entries[-1]
                 placement.error = placement.turn = None
             labels[i] = outcome == DONE
+            if self.on_judged is not None:
+                self.on_judged()
             if outcome != DONE:
                 return labels, outcome
         return labels, STOOD

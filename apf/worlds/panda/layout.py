@@ -12,6 +12,9 @@ from apf.worlds.panda.geometry import pose
 Interval = tuple[float, float]
 Angles = list[Annotated[float, Field(gt=-160, lt=160)]]
 
+HOMES = (60.0, -70.0, 80.0, -90.0, 100.0, -110.0, 120.0, -130.0, 140.0, -150.0)
+"""[deg] left and right in turn, so that every number of blocks is stored on both sides."""
+
 
 @settings
 class Layout:
@@ -26,9 +29,7 @@ class Layout:
     pedestal_size: tuple[PositiveFloat, PositiveFloat, PositiveFloat] = (0.09, 0.09, 0.10)
     homes_radius: PositiveFloat = 0.56
     """Of the arc around the robot on which the blocks are stored."""
-    homes_at: Angles = Field(
-        default_factory=lambda: [60.0, -70.0, 80.0, -90.0, 100.0, -110.0, 120.0, -130.0, 140.0, -150.0]
-    )
+    homes_at: Angles = Field(default_factory=lambda: list(HOMES))
     """[deg] where on the arc each block's place is, in the order of the set."""
     margin: PositiveFloat = 0.08
     """What stands on the table keeps this far from its edges."""

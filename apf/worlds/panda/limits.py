@@ -3,7 +3,7 @@
 import numpy as np
 
 from apf.errors import InputError
-from apf.towers import BlockSet
+from apf.towers import BlockSet, Towers
 from apf.worlds.panda.geometry import pose
 from apf.worlds.panda.grasps import Gripper, grasps_of
 from apf.worlds.panda.kinematics import inverse_kinematics
@@ -13,6 +13,8 @@ from apf.worlds.panda.stations import Reach, posture
 DOWN = np.diag([1.0, -1.0, -1.0])
 LONGEST = 0.15
 """A longer block [m] would stand in its neighbours' way at home."""
+FARTHEST = 0.85
+"""From the robot's own place [m]: nowhere does the arm put a block beyond."""
 HEAVIEST = 2.0
 """[kg] that the arm and the gripper carry."""
 
@@ -39,6 +41,20 @@ def check_height(height: float, layout: Layout, reach: Reach) -> None:
     limit = highest(layout, reach)
     if height > limit:
         raise InputError(f"the tower is {height:.3f} m high; over its base the arm reaches up to {limit:.2f} m")
+
+
+def check_places(towers: Towers, layout: Layout) -> None:
+    """Raises InputError, naming the block, if one belongs where the table or the arm does not reach."""
+    for places, blocks in zip(towers.xy + np.array(layout.base), towers.block):
+        for (x, y), block in zip(places, blocks):
+            name = towers.blocks.name[block]
+            if not layout.holds(np.array([x, y, 0.0])):
+                raise InputError(
+                    f"block {name}: its place, x = {x:.3f}, y = {y:.3f} m from the robot, is off the table"
+                )
+            if np.hypot(x, y) > FARTHEST:
+                far = np.hypot(x, y)
+                raise InputError(f"block {name}: its place is {far:.3f} m from the robot; it reaches {FARTHEST:g} m")
 
 
 def highest(layout: Layout, reach: Reach) -> float:

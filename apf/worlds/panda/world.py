@@ -19,7 +19,7 @@ from apf.worlds.panda.builder import Builder
 from apf.worlds.panda.geometry import from_vector, to_vector
 from apf.worlds.panda.grasps import Gripper
 from apf.worlds.panda.layout import Layout
-from apf.worlds.panda.limits import check_blocks, check_height
+from apf.worlds.panda.limits import check_blocks, check_height, check_places
 from apf.worlds.panda.motion import MotionSettings
 from apf.worlds.panda.planner import Planner, Search
 from apf.worlds.panda.reality import Arm, Physics, Reality
@@ -71,13 +71,13 @@ class PandaWorld(World):
 
     def execute(self, plans: Towers, rng: np.random.Generator) -> np.ndarray:
         """Labels [N, K]; each tower begins with all blocks at home. Raises InputError before anything moves."""
-        self._check_plans(plans)
+        self.check_plans(plans)
         labels = [self.attempt(plans[n : n + 1], rng).labels for n in range(len(plans))]
         return np.array(labels, np.int8).reshape(plans.block.shape)
 
     def attempt(self, plan: Towers, rng: np.random.Generator, before: Mapping[str, Any] | None = None) -> Outcome:
         """Build one tower (N = 1), clear up, and report; blocks begin where `before`, an earlier report, left them."""
-        self._check_plans(plan)
+        self.check_plans(plan)
         builder = self.builder
         poses = self._poses(plan.blocks, before)
         builder.robot.begin(plan.blocks, poses, rng)
@@ -86,9 +86,11 @@ class PandaWorld(World):
         left = {name: to_vector(p).tolist() for name, p in zip(plan.blocks.name, builder.robot.reality.poses())}
         return Outcome(labels, {"outcome": outcome, "entries": builder.robot.account.plain(), "blocks": left})
 
-    def _check_plans(self, plans: Towers) -> None:
+    def check_plans(self, plans: Towers) -> None:
+        """Raises InputError, naming block and limit, if the robot cannot try these towers."""
         check_blocks(plans.blocks, self.gripper, self.layout)
         check_height(float(plans.dims[..., 2].sum(1).max(initial=0.0)), self.layout, self.reach)
+        check_places(plans, self.layout)
 
     def _poses(self, blocks: BlockSet, before: Mapping[str, Any] | None) -> np.ndarray:
         """[B, 4, 4] where the blocks lie; at home, unless an earlier report of the same set says otherwise."""
