@@ -145,6 +145,7 @@ def carried_out(world: Any, towers: Sequence[Towers], what: str) -> Iterator[tup
         report = outcome.report
         print(
             f"{what} {number + 1} of {len(towers)}: {outcome.labels.tolist()} {report['outcome']}, "
+            f"{sum(e['purpose'] == 'intervention' for e in report['entries'])} interventions, "
             f"{time.perf_counter() - began:.1f} s",
             file=sys.stderr,
             flush=True,

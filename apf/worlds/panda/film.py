@@ -1,4 +1,4 @@
-"""Pictures of the robot at work, by PyBullet's renderer that needs no graphics card: a film, and stills side by side."""
+"""Pictures of the robot at work, by PyBullet's renderer that needs no graphics card: a film, and a strip of stills."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -24,9 +24,9 @@ class Camera:
     width: PositiveInt = 640
     """[pixels]"""
     height: PositiveInt = 480
-    target: tuple[float, float, float] = (0.22, 0.0, 0.18)
+    target: tuple[float, float, float] = (0.22, 0.0, 0.25)
     """The middle of the picture [m]."""
-    distance: PositiveFloat = 1.45
+    distance: PositiveFloat = 1.55
     """From there [m]."""
     yaw: float = 52.0
     """[deg] around it."""

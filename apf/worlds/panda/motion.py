@@ -28,8 +28,9 @@ class MotionSettings:
     """From everything, in a motion from place to place [m]."""
     near: NonNegativeFloat = 0.001
     """From everything but the block itself, in approach, lift, lower, retreat [m]."""
-    step: PositiveFloat = 0.06
-    """Collisions are checked at points this far apart [rad], in the joint that moves most."""
+    step: PositiveFloat = 0.025
+    """Collisions are checked at points this far apart [rad], in the joint that moves most: at the arm's full length
+    about two clearances, so that nothing is passed through in between."""
     reach: PositiveFloat = 0.6
     """Longest branch of the tree [rad]."""
     iterations: PositiveInt = 1500

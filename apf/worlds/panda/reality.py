@@ -43,7 +43,7 @@ class Arm:
     """[rad/s] of the fastest joint."""
     acceleration: PositiveFloat = 6.0
     """[rad/s^2] of the fastest joint."""
-    careful: PositiveFloat = 0.4
+    careful: PositiveFloat = 0.6
     """[rad/s] near blocks: approach, lift, lower, retreat."""
 
 
