@@ -76,6 +76,7 @@ def run(directory: Path, plain_config: dict[str, Any], config: Config, model: En
         raise
     finally:
         tracker.finish(failed)
+        config.world.close()
         store.close()
     print_summary(directory, console.console)
 

@@ -5,8 +5,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 
-from apf.towers import BlockSet, BlockSource
-
+from apf.towers import BlockSet
 from apf.worlds.panda import PandaWorld
 from apf.worlds.panda.belief import Belief
 from apf.worlds.panda.builder import Builder
@@ -14,12 +13,6 @@ from apf.worlds.panda.layout import Layout
 from apf.worlds.panda.settings import Sight
 
 EXACT = Sight(position=0.0, rotation=0.0)
-
-
-@pytest.fixture(scope="session")
-def graspable() -> BlockSet:
-    """Four blocks that the gripper can hold, as the robot's experiments have them."""
-    return BlockSource(blocks=4, seed=0, side=(0.04, 0.075), mass=(0.06, 0.21), com_share=0.6).load()
 
 
 @pytest.fixture(scope="session")

@@ -90,7 +90,7 @@ def test_a_tower_that_is_too_high_is_refused() -> None:
 def test_a_place_off_the_table_is_refused() -> None:
     blocks = block_of(0.05, 0.05, 0.05)
     tower = Towers(blocks, np.zeros((1, 1), int), np.zeros((1, 1), int), np.array([[[2.0, 0.0]]]))
-    with pytest.raises(InputError, match="block thing: its place.*off the table"):
+    with pytest.raises(InputError, match=r"block thing: its place.*off the table"):
         PandaWorld().execute(tower, np.random.default_rng(0))
 
 

@@ -1,9 +1,11 @@
 """Planned motions never pass through anything."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
-from apf.towers import BlockSet
+from apf.towers import ROTATIONS, BlockSet
 from apf.worlds.panda.belief import Belief, Held
 from apf.worlds.panda.geometry import about_z, inverse, pose
 from apf.worlds.panda.grasps import Gripper, grasps_of
@@ -34,7 +36,7 @@ def walled(belief: Belief, graspable: BlockSet) -> Belief:
 
 def touched_on(belief: Belief, path: np.ndarray, held: Held | None) -> int:
     """How many points of a path, looked at closely, touch anything at all."""
-    points = np.vstack([path, *(between(a, b, 0.004) for a, b in zip(path[:-1], path[1:]))])
+    points = np.vstack([path, *(between(a, b, 0.004) for a, b in pairwise(path))])
     return sum(belief.touches(q, held) for q in points)
 
 
@@ -102,8 +104,6 @@ def test_a_speed_profile_begins_and_ends_at_rest() -> None:
 
 
 def test_a_plan_for_every_rotation(belief: Belief, graspable: BlockSet) -> None:
-    from apf.towers import ROTATIONS
-
     planner = Planner(belief, Gripper(), Reach(), HOW, Search())
     regrasps = 0
     for rotation in range(24):
@@ -115,7 +115,7 @@ def test_a_plan_for_every_rotation(belief: Belief, graspable: BlockSet) -> None:
         assert names[0] == "move-free"
         assert names[-1] == "place"
         regrasps += "regrasp" in names
-        for before, step in zip(steps, steps[1:]):
+        for before, step in pairwise(steps):
             assert (step.path is None) == (before.path is not None), "moves and actions in turn"
         last = steps[-1].station
         np.testing.assert_allclose(forward(last.q) @ last.held.pose, goal, atol=1e-6)
