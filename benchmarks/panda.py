@@ -199,7 +199,7 @@ def feasible(out: Path) -> Iterator[Row]:
 def placement(out: Path) -> Iterator[Row]:
     """Where blocks come to lie, pose estimates being exact."""
     world, blocks = robot()
-    towers = [tower for length in LENGTHS for tower in grown(blocks, length, 8, 0.01)]
+    towers = [tower for length in LENGTHS for tower in grown(blocks, length, 6, 0.01)]
     reports = {}
     for number, (_, _, report) in enumerate(carried_out(replace(world, sight=exact(world)), towers, "exact plan")):
         reports[number] = report
@@ -213,8 +213,8 @@ def placement(out: Path) -> Iterator[Row]:
 def agreement(out: Path) -> Iterator[Row]:
     """Labels against the analytic rule, with exact poses and a hand that does not let blocks slip."""
     world, blocks = robot(hold="constraint")
-    standing = [tower for length in LENGTHS for tower in grown(blocks, length, 5, 0.0)]
-    towers = standing + any_towers(blocks, 10)
+    standing = [tower for length in LENGTHS for tower in grown(blocks, length, 6, 0.0)]
+    towers = standing + any_towers(blocks, 6)
     same, judged = 0, 0
     for tower, labels, _ in carried_out(replace(world, sight=exact(world)), towers, "compared plan"):
         rule = AnalyticWorld().execute(tower, stream(SEED, "unused"))[0]
