@@ -22,7 +22,7 @@ from integration.command_line import CONF, TINY, call, child_environment, spawn
 
 ROBOT = (*TINY, "world=panda", "sampler=incremental", "towers=11", "evaluation.every=9")
 """Eight initial towers, then three by the robot, in two acquisitions."""
-TIMES = ["wall", "planning"]
+TIMES = ["wall", "processor", "planning"]
 
 
 def reports(run: Path) -> list[tuple[int, dict]]:

@@ -17,6 +17,7 @@ COLUMNS = {
     "outcome": "string",
     "simulated": "float64",
     "wall": "float64",
+    "processor": "float64",
     "planning": "float64",
     "plans": "int64",
     "replans": "int64",
@@ -32,8 +33,8 @@ class Entry:
     """One pick-and-place, or one intervention.
 
     purpose: `build`, `tidy` or `intervention`. outcome: `done`, or what went wrong; of an intervention its cause.
-    simulated, wall: how long it took [s], planning included in the wall time. planning: its share [s]. plans: task
-    plans, replans: those given up. regrasps: on the pedestal. error [m], turn [rad]: where the block came to lie,
+    simulated, wall, processor: how long it took [s], by the simulation's clock, the world's, and that of this process,
+    planning included in the latter two. planning: its share of the wall time [s]. plans: task plans, replans: those given up. regrasps: on the pedestal. error [m], turn [rad]: where the block came to lie,
     against where it should; None if it was not put down, or fell.
     """
 
@@ -42,6 +43,7 @@ class Entry:
     outcome: str = DONE
     simulated: float = 0.0
     wall: float = 0.0
+    processor: float = 0.0
     planning: float = 0.0
     plans: int = 0
     replans: int = 0
@@ -66,7 +68,7 @@ def table(reports: Iterable[tuple[int, Mapping[str, Any]]]) -> pd.DataFrame:
     rows = [{"tower": number, **entry} for number, report in reports for entry in report["entries"]]
     frame = pd.DataFrame(rows, columns=list(COLUMNS))
     counts = {name: 0 for name, dtype in COLUMNS.items() if dtype == "int64"}
-    return frame.fillna({**counts, "simulated": 0.0, "wall": 0.0, "planning": 0.0}).astype(COLUMNS)
+    return frame.fillna({**counts, "simulated": 0.0, "wall": 0.0, "processor": 0.0, "planning": 0.0}).astype(COLUMNS)
 
 
 def summary(reports: Sequence[Mapping[str, Any]]) -> dict[str, float]:

@@ -24,6 +24,8 @@ TARGET_TO_FLANGE = inverse(FLANGE_TO_TARGET)
 FRANKIK_TO_TARGET = pose((0, 0, TARGET_ABOVE_HAND - FRANKIK_ABOVE_HAND))
 WRIST_ANGLES = np.linspace(LOWER[6], UPPER[6], 15)
 """The redundant joint is tried at these."""
+WRIST_TURNS = (0.0, 0.06, -0.06, 0.12, -0.12, 0.2, -0.2)
+"""By which a straight line may turn the redundant joint at its beginning [rad]."""
 JUMP = 0.35
 """Between two neighbouring points of a straight line no joint moves more than this [rad]."""
 
@@ -52,11 +54,20 @@ def inverse_kinematics(target: np.ndarray, near: np.ndarray) -> np.ndarray:
 def straight(targets: Sequence[np.ndarray], start: np.ndarray) -> np.ndarray | None:
     """[M, 7] joints that bring the grasp target to each of M poses in turn, going on from `start` [7] smoothly.
 
-    The last joint keeps its angle. None if a pose cannot be reached, or only by a jump.
+    The last joint keeps its angle, or turns a little at the beginning. None if a pose cannot be reached, or only by a
+    jump.
     """
+    for turn in WRIST_TURNS:
+        path = _at_wrist_angle(targets, start, start[6] + turn)
+        if path is not None:
+            return path
+    return None
+
+
+def _at_wrist_angle(targets: Sequence[np.ndarray], start: np.ndarray, angle: float) -> np.ndarray | None:
     path, q = [], start
     for target in targets:
-        found = frankik.ik_full(target @ TARGET_TO_FLANGE, q, start[6])
+        found = frankik.ik_full(target @ TARGET_TO_FLANGE, q, angle)
         found = found[within_limits(found)]
         if not len(found):
             return None

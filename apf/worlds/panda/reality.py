@@ -66,6 +66,7 @@ class Reality(Scene):
         self.steps = 0
         self.on_step: Callable[[Reality], None] | None = None
         """Called after every step, e.g. to film."""
+        self._held: int | None = None
         self._tied: int | None = None
 
     @property
@@ -76,7 +77,7 @@ class Reality(Scene):
     def build(self, blocks: BlockSet, poses: np.ndarray, q: np.ndarray = REST) -> None:
         """See `Scene.build`. The arm holds q; nothing moves yet."""
         super().build(blocks, poses, q)
-        self.steps, self._tied = 0, None
+        self.steps, self._held, self._tied = 0, None, None
         client = self.client
         client.setGravity(0, 0, -9.81)
         client.setTimeStep(1 / self.physics.rate)
@@ -149,6 +150,7 @@ class Reality(Scene):
 
     def grip(self, block: int) -> None:
         """Close the fingers until they stop, and hold on. With hold=constraint the block is tied to the hand too."""
+        self._held = block
         self._fingers(-FINGER_SPEED)
         self.wait(0.1)
         for _ in range(self.physics.rate):
@@ -165,6 +167,10 @@ class Reality(Scene):
         if self._tied is not None:
             self.client.removeConstraint(self._tied)
             self._tied = None
+        if self._held is not None:
+            self._forget_contacts(self._held)
+            self._held = None
+            self.wait(0.03)  # contacts are found one by one
         for share in (0.3, 0.1, 0.03):
             self._fingers(-FINGER_SPEED, share)
             self.wait(0.04)
@@ -175,6 +181,21 @@ class Reality(Scene):
             self.step()
             if self.width() > 2 * OPEN - 0.001:
                 break
+
+    def _forget_contacts(self, block: int) -> None:
+        """Make the next step find all contacts of a block anew.
+
+        Bullet keeps contact points from step to step, and their normals in the world's axes. Where a block turns with the
+        hand that holds it, old normals come to point along the faces, and the fingers drag the block when they open.
+        Contacts are dropped when bodies are apart, so the block is taken away and put back, while no time passes.
+        """
+        body = self.bodies[block]
+        position, quaternion = self.client.getBasePositionAndOrientation(body)
+        linear, angular = self.client.getBaseVelocity(body)
+        self.client.resetBasePositionAndOrientation(body, (0, 0, 50 + block), quaternion)
+        self.client.performCollisionDetection()
+        self.client.resetBasePositionAndOrientation(body, position, quaternion)
+        self.client.resetBaseVelocity(body, linear, angular)
 
     def _fingers(self, speed: float, share: float = 1.0) -> None:
         self.client.setJointMotorControlArray(

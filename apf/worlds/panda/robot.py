@@ -60,7 +60,7 @@ class Robot:
 
         The gripper is empty and the arm away from the blocks afterwards.
         """
-        began, simulated = time.perf_counter(), self.reality.seconds
+        began, processor, simulated = time.perf_counter(), time.process_time(), self.reality.seconds
         entry = Entry(purpose, self.planner.blocks.name[block])
         self.account.entries.append(entry)
         self.planner.effort = Effort()
@@ -82,7 +82,7 @@ class Robot:
             self._let_go()
         entry.plans, entry.replans = self.planner.effort.plans, self.planner.effort.replans
         entry.simulated = self.reality.seconds - simulated
-        entry.wall = time.perf_counter() - began
+        entry.wall, entry.processor = time.perf_counter() - began, time.process_time() - processor
         return entry.outcome
 
     def rest(self) -> None:
@@ -140,20 +140,30 @@ class Robot:
     # -- when something went wrong --------------------------------------------------------------------------------
 
     def _let_go(self) -> None:
-        """Open the hand where it is, and draw it up."""
+        """Open the hand where it is, and draw it away."""
         self.reality.release()
-        q = self.reality.joints()
-        up = straight([moved(forward(q), (0, 0, 0.02 * i)) for i in range(1, 5)], q)
-        if up is not None:
-            self.reality.follow(up, self.reality.arm.careful)
+        self._draw_away()
         self.reality.wait(self.handling.pause)
         self.look()
 
+    def _draw_away(self) -> None:
+        """Straight up, or else back along the fingers, as far as they reach."""
+        q = self.reality.joints()
+        hand = forward(q)
+        for direction in (np.array([0.0, 0.0, 1.0]), -hand[:3, 2]):
+            away = straight([moved(hand, direction * 0.02 * i) for i in range(1, 5)], q)
+            if away is not None:
+                self.reality.follow(away, self.reality.arm.careful)
+                return
+
     def _step_aside(self) -> None:
-        """If blocks lie against the arm, as after a fall, draw it away from them."""
-        touched = self.belief.touched(self.reality.joints(), self.planner.motion.near)
-        if touched:
-            self._go_to(REST, touched)
+        """If the arm is too near to anything to plan from where it is, as after a fall, draw it away."""
+        motion = self.planner.motion
+        if self.belief.touches(self.reality.joints(), None, motion.clearance):
+            self._draw_away()
+            touched = self.belief.touched(self.reality.joints(), motion.clearance)
+            if touched:
+                self._go_to(REST, touched)
             self.look()
 
     def _go_to(self, q: np.ndarray, ignore: list[int] | None = None) -> None:
