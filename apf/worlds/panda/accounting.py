@@ -33,9 +33,10 @@ class Entry:
     """One pick-and-place, or one intervention.
 
     purpose: `build`, `tidy` or `intervention`. outcome: `done`, or what went wrong; of an intervention its cause.
-    simulated, wall, processor: how long it took [s], by the simulation's clock, the world's, and that of this process,
-    planning included in the latter two. planning: its share of the wall time [s]. plans: task plans, replans: those given up. regrasps: on the pedestal. error [m], turn [rad]: where the block came to lie,
-    against where it should; None if it was not put down, or fell.
+    simulated, wall, processor: how long it took [s], by the clock of the simulation, of the wall, and of this process;
+    planning is included in the latter two. planning: its share of the wall time [s]. plans: task plans, replans: those
+    given up. regrasps: on the pedestal. error [m], turn [rad]: where the block came to lie, against where it should;
+    None if it was not put down, or fell.
     """
 
     purpose: str

@@ -185,9 +185,9 @@ class Reality(Scene):
     def _forget_contacts(self, block: int) -> None:
         """Make the next step find all contacts of a block anew.
 
-        Bullet keeps contact points from step to step, and their normals in the world's axes. Where a block turns with the
-        hand that holds it, old normals come to point along the faces, and the fingers drag the block when they open.
-        Contacts are dropped when bodies are apart, so the block is taken away and put back, while no time passes.
+        Bullet keeps contact points from step to step, and their normals in the world's axes. Where a block turns with
+        the hand that holds it, old normals come to point along the faces, and the fingers drag the block when they
+        open. Contacts are dropped when bodies are apart, so the block is taken away and put back; no time passes.
         """
         body = self.bodies[block]
         position, quaternion = self.client.getBasePositionAndOrientation(body)
