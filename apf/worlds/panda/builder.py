@@ -61,14 +61,17 @@ class Builder:
 
     def _place(self, blocks: np.ndarray, goals: np.ndarray, i: int) -> str:
         """Put placement i where it belongs; again, from wherever the block is then, while what it builds on stands."""
-        unplanned = 0
+        unplanned, block, lost = 0, int(blocks[i]), False
         for _ in range(self.recovery.attempts):
             if i and not self._is_at(int(blocks[i - 1]), goals[i - 1]):
                 return FELL
-            outcome = self.robot.bring(int(blocks[i]), goals[i], BUILD)
+            outcome = self.robot.bring(block, goals[i], BUILD)
             if outcome == DONE:
                 return DONE
+            if outcome in NO_PLAN and lost:
+                self._by_hand(block, self._cause(block))
             unplanned += outcome in NO_PLAN
+            lost = outcome not in NO_PLAN
         return UNPLANNED if unplanned == self.recovery.attempts else GIVEN_UP
 
     def _stands(self, block: int, goal: np.ndarray) -> bool:
@@ -90,7 +93,7 @@ class Builder:
             self.robot.look()
             for block in np.flatnonzero(~self._at_home()):
                 if not self.robot.reality.layout.holds(self.robot.belief.thought[block, :3, 3]):
-                    self._by_hand(int(block), "off the table")
+                    self._by_hand(int(block), self._cause(int(block)))
             away = np.flatnonzero(~self._at_home())
             if not len(away):
                 break
@@ -129,10 +132,12 @@ class Builder:
 
     def _at_home(self) -> np.ndarray:
         """[B] bool, as it is believed."""
-        turn = np.deg2rad(self.recovery.home_rotation)
+        sight = self.robot.sight
+        near = self.recovery.home_position + 4 * sight.position
+        turn = np.deg2rad(self.recovery.home_rotation + 4 * sight.rotation)
         return np.array(
             [
-                distance(seen, home) <= self.recovery.home_position and angle(seen, home) <= turn
+                distance(seen, home) <= near and angle(seen, home) <= turn
                 for seen, home in zip(self.robot.belief.thought, self.homes)
             ]
         )
@@ -148,8 +153,10 @@ class Builder:
 
     def _cause(self, block: int) -> str:
         """Why the robot cannot bring a block home."""
-        x, y, _ = self.robot.belief.thought[block, :3, 3]
-        attempts = [e for e in self.robot.account.entries if e.block == self.names[block] and e.purpose == TIDY]
+        x, y, _ = place = self.robot.belief.thought[block, :3, 3]
+        attempts = [entry for entry in self.robot.account.entries if entry.block == self.names[block]]
+        if not self.robot.reality.layout.holds(place):
+            return "off the table"
         if np.hypot(x, y) > 0.75:
             return "out of reach"
         return attempts[-1].outcome if attempts and attempts[-1].outcome != DONE else "jammed"

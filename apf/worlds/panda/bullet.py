@@ -6,6 +6,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
+from apf.errors import InputError
+
 
 @contextmanager
 def _silent() -> Iterator[None]:
@@ -31,7 +33,12 @@ with _silent():
 
 
 def connect(gui: bool = False) -> Any:
-    """A new client, with a window or without; its attributes are PyBullet's functions and constants."""
+    """A new client, with a window or without; its attributes are PyBullet's functions and constants.
+
+    Raises InputError if there is no display to show a window on: PyBullet would end the process.
+    """
+    if gui and sys.platform == "linux" and not os.environ.get("DISPLAY"):
+        raise InputError("gui=true needs a display (DISPLAY is not set)")
     with _silent():
         return BulletClient(pybullet.GUI if gui else pybullet.DIRECT)
 

@@ -15,6 +15,7 @@ from apf.settings import settings
 from apf.worlds.panda.reality import Reality
 
 ENDINGS = (".mp4", ".gif")
+BACKGROUND = (236, 238, 240)
 
 
 @settings
@@ -63,9 +64,6 @@ def picture(reality: Reality, camera: Camera) -> np.ndarray:
     depth = np.reshape(np.asarray(image[3]), (camera.height, camera.width))
     pixels[depth >= 1.0] = BACKGROUND
     return pixels
-
-
-BACKGROUND = (236, 238, 240)
 
 
 @dataclass

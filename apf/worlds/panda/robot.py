@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from apf.towers import BlockSet
-from apf.worlds.panda.accounting import DONE, Account, Entry
+from apf.worlds.panda.accounting import Account, Entry
 from apf.worlds.panda.belief import Belief
 from apf.worlds.panda.geometry import angle, distance, disturbed, inverse, moved
 from apf.worlds.panda.kinematics import REST, forward, straight
@@ -176,8 +176,3 @@ class Robot:
                 self.reality.follow(path[1:], self.reality.arm.careful if ignored else None)
                 return
         self.reality.follow(q[None], self.reality.arm.careful)
-
-
-def is_done(outcome: str) -> bool:
-    """Was the block put where it should be?"""
-    return outcome == DONE

@@ -66,6 +66,6 @@ class Recovery:
     tries: PositiveInt = 5
     """To bring a block home, before a person is needed."""
     home_position: PositiveFloat = 0.015
-    """A block is at home if it is so near to its place [m]"""
+    """A block is at home if it seems to be so near to its place [m], four standard deviations of the estimate added,"""
     home_rotation: PositiveFloat = 8.0
     """and so little turned [deg]."""

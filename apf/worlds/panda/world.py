@@ -33,9 +33,12 @@ class PandaWorld(World):
     """A Panda builds each tower, judges each prefix, and clears up; see `conf/world/panda.yaml`."""
 
     hold: Literal["friction", "constraint"] = "friction"
+    """How the gripper holds a block: by friction, or also tied to the hand while the gripper is closed."""
     interventions: Help = Help.AUTO
     gui: bool = False
+    """Show reality in PyBullet's window."""
     initial: World | None = None
+    """Where an experiment's first towers are labelled; None: here, too."""
     layout: Layout = Field(default_factory=Layout)
     physics: Physics = Field(default_factory=Physics)
     arm: Arm = Field(default_factory=Arm)
