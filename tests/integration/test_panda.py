@@ -58,6 +58,12 @@ def test_the_robot_is_loaded_only_where_it_is_chosen(tmp_path: Path) -> None:
     spawn(["-c", code], cwd=tmp_path).must_work()
 
 
+def test_what_is_not_installed_is_named(tmp_path: Path) -> None:
+    code = "import sys; sys.modules['frankik'] = None; from apf.main import main; main()"
+    result = spawn(["-c", code, "world=panda", "hydra.run.dir=run"], cwd=tmp_path)
+    result.must_refuse("world", "needs frankik", "pip install 'apf[panda]'")
+
+
 def test_the_paper_s_experiment_is_the_default() -> None:
     with initialize_config_dir(config_dir(), version_base="1.3"):
         config = validate(compose("config", ["world=panda", "sampler=incremental"]))
@@ -134,9 +140,13 @@ def test_a_film_and_its_stills(tower_file: Path, here: Path) -> None:
         (("number=1",), ("block", "from the robot; it reaches")),
         (("tower=none.csv",), ("none.csv", "no such file")),
         (("world=noisy",), ("world.gui", "no such key")),
+        (("gui=true",), ("gui=true", "display")),
     ],
 )
-def test_show_refuses(arguments: tuple[str, ...], words: tuple[str, ...], tower_file: Path, here: Path) -> None:
+def test_show_refuses(
+    arguments: tuple[str, ...], words: tuple[str, ...], tower_file: Path, here: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("DISPLAY", raising=False)
     call(f"tower={tower_file}", *arguments, command="apf.worlds.panda.show").must_refuse(*words)
     assert {path.name for path in here.iterdir()} == {"towers.csv"}
 
