@@ -40,8 +40,8 @@ def job(cfg: DictConfig) -> None:
         raise InputError("world: only the robot can be shown; choose world=panda")
     tower = tower_of(config.tower, config.number)
     world.check_plans(tower)
+    builder = world.builder
     with filming(config.out, config.camera) as film:
-        builder = world.builder
         builder.robot.reality.on_step = film
         builder.on_judged = lambda: film.still(builder.robot.reality)
         outcome = world.attempt(tower, stream(config.seed, "show"))
