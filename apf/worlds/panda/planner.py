@@ -107,10 +107,8 @@ class Planner:
         Raises NoPlan.
         """
         query = _Query(block, {NOW: self.belief.thought[block], GOAL: goal})
-        self.effort.stations = 0
-        found_any = False
+        self.effort = Effort()
         for chain in self._chains(query, rng):
-            found_any = True
             pedestal = [fact.pose for fact in chain if fact.pose not in (NOW, GOAL)]
             actions = solve(block, NOW, GOAL, pedestal, chain)
             assert actions is not None, "the samplers' stations make a plan"
@@ -119,9 +117,9 @@ class Planner:
             if steps is not None:
                 return steps
             self.effort.replans += 1
-            if self.effort.replans and len(query.banned) >= self.search.chains:
+            if self.effort.replans == self.search.chains:
                 break
-        raise NoPlan("no motion" if found_any else "no grasp")
+        raise NoPlan("no motion" if self.effort.plans else "no grasp")
 
     # -- stations -----------------------------------------------------------------------------------------------
 

@@ -11,7 +11,7 @@ from apf.worlds.panda.belief import Belief
 from apf.worlds.panda.geometry import angle, distance, disturbed, inverse, moved
 from apf.worlds.panda.kinematics import REST, forward, straight
 from apf.worlds.panda.motion import find_motion
-from apf.worlds.panda.planner import Effort, NoPlan, Planner, Step
+from apf.worlds.panda.planner import NoPlan, Planner, Step
 from apf.worlds.panda.reality import Reality
 from apf.worlds.panda.settings import Handling, Sight
 from apf.worlds.panda.stations import APPROACH_STEPS, LIFT_STEPS
@@ -63,7 +63,6 @@ class Robot:
         began, processor, simulated = time.perf_counter(), time.process_time(), self.reality.seconds
         entry = Entry(purpose, self.planner.blocks.name[block])
         self.account.entries.append(entry)
-        self.planner.effort = Effort()
         try:
             self.look()
             self._step_aside()
