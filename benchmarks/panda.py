@@ -30,7 +30,7 @@ from apf.worlds import AnalyticWorld
 COLUMNS = ["target", "bound", "value", "holds", "command"]
 SEED = 0
 LENGTHS = (2, 3, 4, 5)
-FEASIBLE, PLACED, COMPARED = 5, 4, 4
+FEASIBLE, PLACED, COMPARED = 4, 3, 3
 """Towers of each length that are built for the shares and errors."""
 SIDE_BY_SIDE = 6
 """Towers that each of two processes builds."""
