@@ -23,7 +23,7 @@ from apf.planning import EvaluationSettings, MonteCarloPlanner
 from apf.predictor import Predictor
 from apf.settings import settings
 from apf.tasks import Task
-from apf.towers import TowerDomain
+from apf.towers import BlockSet, TowerDomain
 from apf.tracking import Tracker
 from apf.worlds import World
 
@@ -84,9 +84,20 @@ def validate(cfg: DictConfig) -> Config:
         )
     config.domain.check_length(config.sampler.max_length, "sampler")
     config.domain.check_length(config.evaluation.blocks, "evaluation.blocks", evaluation=True)
+    _check_world("world", config.world, config.domain.training_blocks, config.sampler.max_length)
+    for name, world in config.evaluation.worlds.items():
+        key = f"evaluation.worlds.{name}"
+        _check_world(key, world, config.domain.evaluation_blocks, config.evaluation.blocks)
     for length in config.evaluation.lengths:
         config.domain.check_length(length, "evaluation.lengths", evaluation=True)
     return config
+
+
+def _check_world(key: str, world: World, blocks: BlockSet, length: int) -> None:
+    try:
+        world.check(blocks, length)
+    except InputError as error:
+        raise InputError(f"{key}: {error}") from None
 
 
 def build(cfg: DictConfig, schema: type) -> Any:

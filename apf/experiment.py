@@ -120,8 +120,9 @@ class Experiment:
         for number, plan in pending:
             self.tracker.phase(step, self.steps, "building towers")
             rng = stream(self.seed, "world", number)
-            labels = carry_out(self.world, plan, rng, self.execution.time_limit, f"tower {number}")
-            self.store.record(number, labels)
+            world, before = (self.world.initial_world, None) if step == 0 else (self.world, self.store.last_report)
+            outcome = carry_out(world, plan, rng, self.execution.time_limit, f"tower {number}", before)
+            self.store.record(number, outcome.labels, outcome.report)
         if pending:
             self.tracker.log(self.execution_figures(step))
 
@@ -166,6 +167,9 @@ class Experiment:
         metrics = {"data/feasible_share": float(feasible.mean())}
         if step:
             metrics |= {"score/mean": scores.mean(), "score/max": scores.max(), "score/min": scores.min()}
+        metrics |= {
+            f"world/{name}": value for name, value in self.world.summary([*self.store.reports(step).values()]).items()
+        }
         return Figures(step, Phase.EXECUTED, self.store.count(until=step), metrics)
 
     def evaluation_figures(self, step: int) -> Figures:

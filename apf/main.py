@@ -18,8 +18,9 @@ from apf.files import read_yaml
 from apf.models import Ensemble, pick_device
 from apf.planning import Evaluator
 from apf.report import print_summary, save_figures
-from apf.rundir import STATE, abandon, begin, check, finish, locked, resumable, resumed
+from apf.rundir import STATE, WORLD_TABLE, abandon, begin, check, finish, locked, resumable, resumed
 from apf.store import Store
+from apf.tables import write_table
 from apf.tracking import ConsoleTracker, RunInfo, Tracker, Trackers, log_end
 
 
@@ -64,6 +65,9 @@ def run(directory: Path, plain_config: dict[str, Any], config: Config, model: En
         elif not store.evaluated(0):
             experiment.evaluate(0, config.predictor)
         store.export()
+        table = config.world.table(store.reports())
+        if table is not None:
+            write_table(table, directory / WORLD_TABLE)
         save_figures(directory)
         finish(directory, store.journal.seconds)
         failed = False
@@ -72,6 +76,7 @@ def run(directory: Path, plain_config: dict[str, Any], config: Config, model: En
         raise
     finally:
         tracker.finish(failed)
+        config.world.close()
         store.close()
     print_summary(directory, console.console)
 

@@ -22,6 +22,8 @@ from apf.towers import TowerDomain
 
 CONFIG, STATE, JOURNAL, LOCK = "config.yaml", "run.yaml", "journal.jsonl", "lock"
 TABLES = ("towers.parquet", "regret.parquet", "accuracy.parquet")
+WORLD_TABLE = "world.parquet"
+"""What the world reported of each plan, if it reports anything."""
 NOT_KEPT = ("hydra.mode", "hydra.run.", "hydra.sweep", "hydra/sweeper", "hydra.launcher", "hydra/launcher")
 """Hydra's own overrides that say where and how a run is started, not what it is."""
 
@@ -141,7 +143,8 @@ def is_new(directory: Path) -> bool:
 def finish(directory: Path, seconds: float) -> None:
     """Note that the run has finished, and how its tables and weights look."""
     weights = [f"weights/{path.name}" for path in sorted((directory / "weights").glob("*.safetensors"))]
-    files = {name: checksum(directory / name) for name in (*TABLES, *weights)}
+    reported = [WORLD_TABLE] if (directory / WORLD_TABLE).exists() else []
+    files = {name: checksum(directory / name) for name in (*TABLES, *reported, *weights)}
     state = read_yaml(directory / STATE)
     write_yaml(directory / STATE, {**state, "finished": True, "seconds": round(seconds, 1), "files": files})
 

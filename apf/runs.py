@@ -13,7 +13,7 @@ from apf.files import read_yaml
 
 NOT_A_GROUP = ("seed",)
 """Keys by which runs of one group may differ."""
-NO_NAME = (*NO_EFFECT, "experiment")
+NO_NAME = (*NO_EFFECT, "experiment", "with_world")
 """Config groups whose choice says nothing of a run's results, or only what other keys say."""
 
 

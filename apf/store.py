@@ -38,6 +38,7 @@ DTYPES = {
 @dataclass
 class Tower:
     """What is known of a proposed plan. labels: None until it is executed. score: None for initial plans.
+    report: what the world told of its execution, beside the labels, if anything.
 
     corrected: its labels are not those first recorded. outdated: it was chosen by a model that had learned from a
     label corrected since.
@@ -51,6 +52,7 @@ class Tower:
     labels: str | None = None
     corrected: bool = False
     outdated: bool = False
+    report: dict[str, Any] | None = None
 
     @property
     def note(self) -> str | None:
@@ -97,6 +99,7 @@ class Store:
                     self._towers.append(Tower(number, record["step"], **plan))
             case "label":
                 self._towers[record["tower"]].labels = record["labels"]
+                self._towers[record["tower"]].report = record.get("report")
             case "correction":
                 self._correct(self._towers[record["tower"]], record["labels"])
             case "training":
@@ -133,9 +136,20 @@ class Store:
         pending = [t for t in self._towers if t.step == step and t.labels is None]
         return [(tower.number, self.domain.decode([tower.plan])) for tower in pending]
 
-    def record(self, number: int, labels: np.ndarray) -> None:
-        """Make the labels [K] of a plan durable."""
-        self._append("label", tower=number, labels="".join(SYMBOL[int(label)] for label in labels))
+    def record(self, number: int, labels: np.ndarray, report: dict[str, Any] | None = None) -> None:
+        """Make the labels [K] of a plan durable, and what the world reported."""
+        symbols = "".join(SYMBOL[int(label)] for label in labels)
+        self._append("label", tower=number, labels=symbols, **({} if report is None else {"report": report}))
+
+    @property
+    def last_report(self) -> dict[str, Any] | None:
+        """What the world told of the last plan that it told anything of: how it was left."""
+        return next((tower.report for tower in reversed(self._towers) if tower.report is not None), None)
+
+    def reports(self, step: int | None = None) -> dict[int, dict[str, Any]]:
+        """What the world told, by the number of the plan, of all plans or of those of a step."""
+        towers = [tower for tower in self._towers if step in (None, tower.step)]
+        return {tower.number: tower.report for tower in towers if tower.report is not None}
 
     def tower(self, number: int) -> Tower:
         """An executed plan. Raises InputError if there is none of that number."""

@@ -44,6 +44,12 @@ def blocks() -> BlockSet:
 
 
 @pytest.fixture(scope="session")
+def graspable() -> BlockSet:
+    """Four blocks that the Panda's gripper can hold, as the robot's experiments have them."""
+    return BlockSource(blocks=4, seed=0, side=(0.04, 0.075), mass=(0.06, 0.21), com_share=0.6).load()
+
+
+@pytest.fixture(scope="session")
 def domain() -> TowerDomain:
     """Six training blocks and six others."""
     return TowerDomain(training=BlockSource(blocks=6, seed=0), evaluation=BlockSource(blocks=6, seed=1))

@@ -80,7 +80,8 @@ class Evaluator:
                 what = f"the tower chosen for {name} in problem {problem}"
                 for world_name, world in self.settings.worlds.items():
                     rng = stream(self.settings.seed, f"reward in {world_name}", step, problem, number)
-                    feasible = bool((carry_out(world, chosen, rng, self.time_limit, what) == 1).all())
+                    outcome = carry_out(world, chosen, rng, self.time_limit, what)
+                    feasible = bool((outcome.labels == 1).all())
                     reward = choice.value if feasible else 0.0
                     regret = (best[name] - reward) / best[name] if best[name] > 0 else np.nan
                     rows.append((step, towers, name, problem, world_name, choice.value, best[name], regret, feasible))

@@ -8,6 +8,7 @@ import sys
 import traceback
 from collections.abc import Sequence
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from unittest import mock
 
@@ -19,7 +20,12 @@ REPOSITORY = Path(__file__).parents[2]
 CONF = REPOSITORY / "conf"
 ANALYSIS = REPOSITORY / "analysis"
 
-MAINS = {"apf.main": apf.main.main, "apf.label": apf.label.main, "apf.relabel": apf.relabel.main}
+MAINS = {
+    "apf.main": apf.main.main,
+    "apf.label": apf.label.main,
+    "apf.relabel": apf.relabel.main,
+    "apf.worlds.panda.show": lambda: import_module("apf.worlds.panda.show").main(),
+}
 
 TINY = (
     "tracker=none",

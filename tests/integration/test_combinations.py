@@ -61,7 +61,14 @@ def test_preset_as_it_stands_is_valid(preset: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("group", "tested"), [("experiment", PRESETS), ("model", MODELS), ("sampler", SAMPLERS), ("world", WORLDS)]
+    ("group", "tested"),
+    [
+        ("experiment", PRESETS),
+        ("model", MODELS),
+        ("sampler", SAMPLERS),
+        ("world", [*WORLDS, "panda"]),  # tests/panda has what is slow
+        ("with_world", ["panda"]),
+    ],
 )
 def test_every_option_is_tested_here(group: str, tested: list[str]) -> None:
     assert options(group) == tested

@@ -1,0 +1,46 @@
+"""PyBullet, without the lines that it prints when it is imported and when a client connects."""
+
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from apf.errors import InputError
+
+
+@contextmanager
+def _silent() -> Iterator[None]:
+    """What native code prints meanwhile is dropped."""
+    for stream in (sys.stdout, sys.stderr):
+        stream.flush()
+    kept = [os.dup(1), os.dup(2)]
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    try:
+        for descriptor in (1, 2):
+            os.dup2(nowhere, descriptor)
+        yield
+    finally:
+        for descriptor, before in zip((1, 2), kept):
+            os.dup2(before, descriptor)
+            os.close(before)
+        os.close(nowhere)
+
+
+with _silent():
+    import pybullet
+    from pybullet_utils.bullet_client import BulletClient
+
+
+def connect(gui: bool = False) -> Any:
+    """A new client, with a window or without; its attributes are PyBullet's functions and constants.
+
+    Raises InputError if there is no display to show a window on: PyBullet would end the process.
+    """
+    if gui and sys.platform == "linux" and not os.environ.get("DISPLAY"):
+        raise InputError("gui=true needs a display (DISPLAY is not set)")
+    with _silent():
+        return BulletClient(pybullet.GUI if gui else pybullet.DIRECT)
+
+
+__all__ = ["connect", "pybullet"]

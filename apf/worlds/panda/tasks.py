@@ -1,0 +1,147 @@
+"""Which actions in which order: the task level, stated in PDDL and solved by pyperplan (through unified-planning).
+
+    move-free      (from, to)                                the hand is empty
+    move-holding   (block, grasp, from, to)
+    pick           (block, pose, grasp, before, above)       from before the block to above its place, the block in hand
+    place          (block, pose, grasp, before, above)       the other way round, onto a spot
+    regrasp        (block, pose, grasp, before, above)       the same, onto the pedestal, to be picked by another grasp
+
+What stations there are (which block, at which pose, by which grasp, from which joints) comes from the samplers, as
+static facts.
+"""
+
+import logging
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+from unified_planning.environment import get_environment
+from unified_planning.model import Fluent, InstantaneousAction, Object, Problem
+from unified_planning.shortcuts import BoolType, OneshotPlanner, UserType
+
+get_environment().credits_stream = None
+
+BLOCK, POSE, GRASP, JOINTS = (UserType(name) for name in ("block", "pose", "grasp", "joints"))
+BEFORE, ABOVE = "before", "above"
+
+
+@dataclass(frozen=True)
+class Fact:
+    """A station that a sampler found: a block at a named pose can be held by a grasp."""
+
+    block: int
+    pose: str
+    grasp: int
+
+
+@dataclass(frozen=True)
+class Action:
+    """A step of a task plan: its name, and the station that it uses or, for moves, ends at (`where` of it)."""
+
+    name: str
+    station: Fact
+    where: str
+
+
+@contextmanager
+def _no_log() -> Iterator[None]:
+    """pyperplan logs to the root logger, which would make Python log everything to the terminal from then on."""
+    root, nowhere = logging.getLogger(), logging.NullHandler()
+    root.addHandler(nowhere)
+    try:
+        yield
+    finally:
+        root.removeHandler(nowhere)
+
+
+def _domain() -> Problem:
+    at = Fluent("at", BoolType(), q=JOINTS)
+    empty = Fluent("empty", BoolType())
+    holding = Fluent("holding", BoolType(), b=BLOCK, g=GRASP)
+    lies = Fluent("lies", BoolType(), b=BLOCK, p=POSE)
+    reach = Fluent("reach", BoolType(), b=BLOCK, p=POSE, g=GRASP, before=JOINTS, above=JOINTS)
+    spot, pedestal = (Fluent(name, BoolType(), p=POSE) for name in ("spot", "pedestal"))
+
+    free = InstantaneousAction("move-free", a=JOINTS, b=JOINTS)
+    carry = InstantaneousAction("move-holding", k=BLOCK, g=GRASP, a=JOINTS, b=JOINTS)
+    free.add_precondition(empty())
+    carry.add_precondition(holding(carry.parameter("k"), carry.parameter("g")))
+    for move in (free, carry):
+        a, b = move.parameter("a"), move.parameter("b")
+        move.add_precondition(at(a))
+        move.add_effect(at(a), False)
+        move.add_effect(at(b), True)
+
+    actions = [free, carry]
+    for name, kind in (("pick", None), ("place", spot), ("regrasp", pedestal)):
+        action = InstantaneousAction(name, k=BLOCK, p=POSE, g=GRASP, before=JOINTS, above=JOINTS)
+        k, p, g, before, above = action.parameters
+        action.add_precondition(reach(k, p, g, before, above))
+        first, last = (before, above) if kind is None else (above, before)
+        action.add_precondition(at(first))
+        action.add_effect(at(first), False)
+        action.add_effect(at(last), True)
+        picks = kind is None
+        if kind is None:
+            action.add_precondition(empty())
+            action.add_precondition(lies(k, p))
+        else:
+            action.add_precondition(kind(p))
+            action.add_precondition(holding(k, g))
+        action.add_effect(holding(k, g), picks)
+        action.add_effect(empty(), not picks)
+        action.add_effect(lies(k, p), not picks)
+        actions.append(action)
+    problem = Problem("stack", initial_defaults={BoolType(): False})
+    problem.add_fluents([at, empty, holding, lies, reach, spot, pedestal])
+    problem.add_actions(actions)
+    return problem
+
+
+_DOMAIN = _domain()
+
+
+def solve(block: int, now: str, goal: str, pedestal: Sequence[str], facts: Sequence[Fact]) -> list[Action] | None:
+    """The actions that bring a block from the pose named `now` to the one named `goal`; None: the facts do not suffice.
+
+    pedestal: which named poses are on the pedestal. Of several shortest plans any may be answered, and not the same
+    one in every process; facts that allow a single one make it certain.
+    """
+    problem = _DOMAIN.clone()
+    fluent = {f.name: f for f in problem.fluents}
+    objects: dict[str, Object] = {}
+
+    def named(name: str, kind: object) -> Object:
+        if name not in objects:
+            objects[name] = problem.add_object(name, kind)
+        return objects[name]
+
+    cube, hand = named(f"b{block}", BLOCK), named("start", JOINTS)
+    problem.set_initial_value(fluent["at"](hand), True)
+    problem.set_initial_value(fluent["empty"](), True)
+    problem.set_initial_value(fluent["lies"](cube, named(now, POSE)), True)
+    problem.set_initial_value(fluent["spot"](named(goal, POSE)), True)
+    ends: dict[str, tuple[Fact, str]] = {}
+    for name in pedestal:
+        problem.set_initial_value(fluent["pedestal"](named(name, POSE)), True)
+    for fact in facts:
+        stem = f"{fact.pose}-{fact.grasp}"
+        joints = [named(f"{stem}-{where}", JOINTS) for where in (BEFORE, ABOVE)]
+        ends |= {f"{stem}-{where}": (fact, where) for where in (BEFORE, ABOVE)}
+        problem.set_initial_value(
+            fluent["reach"](cube, named(fact.pose, POSE), named(f"g{fact.grasp}", GRASP), *joints), True
+        )
+    problem.add_goal(fluent["lies"](cube, objects[goal]))
+    with _no_log(), OneshotPlanner(name="pyperplan", params={"search": "bfs"}) as planner:  # bfs: a shortest plan
+        plan = planner.solve(problem).plan
+    if plan is None:
+        return None
+    actions = []
+    for step in plan.actions:
+        parameters = [str(parameter) for parameter in step.actual_parameters]
+        if step.action.name.startswith("move"):
+            station, where = ends[parameters[-1]]
+        else:
+            station, where = ends[parameters[-2]][0], ABOVE if step.action.name == "pick" else BEFORE
+        actions.append(Action(step.action.name, station, where))
+    return actions
