@@ -270,7 +270,7 @@ def throw() -> None:
 WORLDS: tuple[tuple[str, Callable[[], object], tuple[str, ...]], ...] = (
     ("world raises", throw, ("RuntimeError: the gripper is lost",)),
     ("world hangs", hang, ("execution.time_limit=0.5",)),
-    ("world answers nonsense", lambda: np.array([[0, 1]]), ("[[0, 1]]",)),
+    ("world answers nonsense", lambda: np.array([[0, 1]]), ("got [0, 1]",)),
     ("world exits", lambda: os._exit(3), ()),
     ("world dies of a segmentation fault", lambda: os.kill(os.getpid(), signal.SIGSEGV), ()),
 )

@@ -41,7 +41,7 @@ def must_have_run(store: Store, cfg: DictConfig) -> None:
     _, scores = store.executed(1)
     assert len(scores) == 2
     assert np.isfinite(scores).all()
-    assert len(store.regret()) == len(cfg.task)
+    assert len(store.regret()) == len(cfg.task) * len(cfg.evaluation.worlds)
     assert store.accuracy()["accuracy"].between(0, 1).all()
     assert store.weights(1).stat().st_size > 0
 
