@@ -260,7 +260,7 @@ def test_offline_files_after_a_resume_are_those_of_one_run(here: Path, monkeypat
     text = record.read_bytes()
     for name in (b"data/feasible_share", b"loss/train"):
         assert text.count(name) >= 3, "steps 0, 1 and 2"
-    assert text.count(b"regret/tallest") >= 2
+    assert text.count(b"regret/analytic/tallest") >= 2
 
 
 @pytest.mark.usefixtures("no_figures")
