@@ -71,7 +71,7 @@ class Experiment:
         """Acquisitions that it takes to label all towers."""
         return math.ceil((self.towers - self.initial.train - self.initial.validation) / self.acquisition.towers)
 
-    def labelled(self, step: int) -> int:
+    def labelled_after(self, step: int) -> int:
         """Plans labelled when a step is over."""
         return min(self.towers, self.initial.train + self.initial.validation + step * self.acquisition.towers)
 
@@ -93,7 +93,7 @@ class Experiment:
 
     def due(self, step: int) -> bool:
         """Is this step evaluated? Whenever another `every` plans are labelled, and the last; not the initial model."""
-        labelled, before = self.labelled(step), self.labelled(step - 1)
+        labelled, before = self.labelled_after(step), self.labelled_after(step - 1)
         return (step > 0 and labelled // self.every > before // self.every) or step == self.steps
 
     def choose(self, step: int) -> None:

@@ -76,7 +76,8 @@ def run(directory: Path, plain_config: dict[str, Any], config: Config, model: En
         raise
     finally:
         tracker.finish(failed)
-        config.world.close()
+        for world in (config.world, *config.evaluation.worlds.values()):
+            world.close()
         store.close()
     print_summary(directory, console.console)
 

@@ -98,7 +98,7 @@ def test_a_claim_that_is_false_by_construction_fails(evidence: Evidence) -> None
     """The same evidence with the names of sequential and greedy exchanged."""
     other = {"sequential": "greedy", "greedy": "sequential"}
     regret = {(other.get(who, who), *rest): value for (who, *rest), value in evidence.regret.items()}
-    swapped = Evidence(regret, evidence.accuracy, evidence.runs, evidence.problems)  # type: ignore[arg-type]
+    swapped = Evidence(regret, evidence.accuracy, evidence.runs, evidence.problems)
     table = table_of_claims(swapped, draws=20).set_index("claim")["verdict"]
     for claim in ("4. Greedy is worst (tallest)", "6. Sequential beats random_ss", "6. Random_ss beats greedy"):
         assert table[claim] == "fails"

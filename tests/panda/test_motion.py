@@ -72,7 +72,7 @@ def test_the_same_seed_finds_the_same_motion(walled: Belief) -> None:
     start, goal = over(0.45, 0.25, 0.1), over(0.45, -0.25, 0.2)
     paths = [find_motion(walled, start, goal, None, HOW, seed) for seed in (5, 9, 5)]
     assert all(path is not None for path in paths)
-    np.testing.assert_array_equal(paths[0], paths[2])  # type: ignore[arg-type]
+    np.testing.assert_array_equal(paths[0], paths[2])
 
 
 def test_into_a_block_there_is_no_motion(walled: Belief) -> None:

@@ -95,7 +95,7 @@ def test_what_cannot_be_planned_is_told_apart_from_a_fall(
 
         if block == 1:
             raise NoPlan("no grasp")
-        return find(block, *rest)  # type: ignore[arg-type]
+        return find(block, *rest)
 
     monkeypatch.setattr(planner, "plan", not_for_the_second)
     outcome = exact_world.attempt(tower, rng_of(0))

@@ -25,7 +25,7 @@ COLUMNS = {
     "error": "float64",
     "turn": "float64",
 }
-"""Of `robot.parquet`."""
+"""Of `world.parquet`."""
 
 
 @dataclass
