@@ -1,5 +1,6 @@
 """The sweeps of the paper's figures and tables: each composes as it stands, and runs when scaled down."""
 
+import re
 from pathlib import Path
 
 import pandas as pd
@@ -30,7 +31,8 @@ def test_a_sweep_as_it_stands_is_valid(name: str) -> None:
         assert validate(compose("config", overrides)).sweep == name
     runs = 1
     for values in cfg.hydra.sweeper.params.values():
-        runs *= int(values[6:-1]) if values.startswith("range(") else len(values.split(","))
+        seeds = re.fullmatch(r"range\((\d+),(\d+)\)", values)
+        runs *= int(seeds[2]) - int(seeds[1]) if seeds else len(values.split(","))
     assert runs == RUNS[name]
 
 
