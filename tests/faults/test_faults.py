@@ -1,11 +1,13 @@
 """The quick part of `python -m benchmarks.faults`: a few of each fault, all of them resumed, nothing lost."""
 
+import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from benchmarks.faults import Suite, label_cost
+from benchmarks.faults import label_cost
+from benchmarks.injections import Suite, mount
 
 pytestmark = pytest.mark.slow
 
@@ -39,6 +41,14 @@ def test_the_last_record_torn_or_garbled_at_every_byte(suite: Suite) -> None:
 
 def test_a_full_disk(suite: Suite) -> None:
     must_be_harmless(suite, suite.full_disk(2))
+
+
+def test_a_small_disk_that_is_then_read_only(suite: Suite, tmp_path: Path) -> None:
+    if not mount("-t", "tmpfs", "tmpfs", tmp_path):
+        pytest.skip("mounting is not permitted")
+    subprocess.run(["umount", tmp_path], check=True)
+    must_be_harmless(suite, suite.small_disk(2))
+    assert suite.report.faults["small disk"] == 2
 
 
 def test_worlds_that_fail(suite: Suite) -> None:
