@@ -1,6 +1,6 @@
 """The paper's claims about its simulated evaluation, each with the statistic that decides it, as a table.
 
-    python analysis/claims.py runs/strategies runs/baselines runs/architectures runs/predictors --out results/claims.csv
+    python analysis/claims.py results/runs --notes results/notes.yaml --out results/claims.csv
 
 A statistic's interval holds the middle 95 % of a bootstrap over runs and problems. A claim holds if the whole interval
 is on its side of the bound, fails if all of it is on the other side, and is undecided otherwise.
@@ -16,6 +16,9 @@ import numpy as np
 import pandas as pd
 from commands import finished_runs, one_line_errors, parser_of
 from evidence import Evidence, MissingError
+
+from apf.errors import InputError
+from apf.files import read_yaml
 
 COLUMNS = ["claim", "paper", "statistic", "value", "low", "high", "runs", "verdict", "note"]
 ANALYTIC, SIMULATION = "predictor analytic", "predictor simulation"
@@ -251,14 +254,30 @@ def table_of_claims(evidence: Evidence, draws: int) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=COLUMNS)
 
 
+def add_notes(table: pd.DataFrame, path: Path) -> None:
+    """Put what is known about claims, a YAML file of notes by claim, into the table.
+
+    Raises InputError for a claim that is not in the table.
+    """
+    notes = read_yaml(path)
+    for claim, note in notes.items():
+        rows = table["claim"] == claim
+        if not rows.any():
+            raise InputError(f"{path}: no such claim: {claim}")
+        table.loc[rows, "note"] = [f"{missing}; {note}" if missing else note for missing in table.loc[rows, "note"]]
+
+
 def main() -> None:
     """Write the table of claims for the runs on the command line."""
     parser = parser_of(__doc__)
     parser.add_argument("--out", type=Path, default=Path("claims.csv"), help="CSV to write (default: %(default)s)")
+    parser.add_argument("--notes", type=Path, help="YAML file with notes by claim, for the last column")
     parser.add_argument("--draws", type=int, default=1000, help="bootstrap samples (default: %(default)s)")
     arguments = parser.parse_args()
     with one_line_errors():
         table = table_of_claims(Evidence.of(finished_runs(arguments.directories)), arguments.draws)
+        if arguments.notes:
+            add_notes(table, arguments.notes)
         arguments.out.parent.mkdir(parents=True, exist_ok=True)
         table.to_csv(arguments.out, index=False, float_format="%.3f")
     for verdict, claim in zip(table["verdict"], table["claim"]):

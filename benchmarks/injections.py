@@ -285,6 +285,11 @@ def hang() -> None:
     time.sleep(60)
 
 
+def hang_natively() -> None:
+    """What no Python signal reaches."""
+    sum(range(10**12))
+
+
 def throw() -> None:
     """A robot that lost its gripper."""
     raise RuntimeError("the gripper is lost")
@@ -293,6 +298,7 @@ def throw() -> None:
 WORLDS: tuple[tuple[str, Callable[[], object], tuple[str, ...]], ...] = (
     ("world raises", throw, ("RuntimeError: the gripper is lost",)),
     ("world hangs", hang, ("execution.time_limit=0.5",)),
+    ("world hangs in native code", hang_natively, ()),
     ("world answers nonsense", lambda: np.array([[0, 1]]), ("got [0, 1]",)),
     ("world exits", lambda: os._exit(3), ()),
     ("world dies of a segmentation fault", lambda: os.kill(os.getpid(), signal.SIGSEGV), ()),

@@ -1,13 +1,16 @@
 """The claims table: what decides a claim, on evidence made up so that the answer is known."""
 
 from functools import partial
+from pathlib import Path
 
 import measures as m
 import numpy as np
 import pandas as pd
 import pytest
-from claims import CLAIMS, COLUMNS, Claim, table_of_claims
+from claims import CLAIMS, COLUMNS, Claim, add_notes, table_of_claims
 from evidence import Evidence, MissingError
+
+from apf.errors import InputError
 
 RUNS, PROBLEMS = 4, 50
 TOWERS = (100, 200, 300, 400)
@@ -143,3 +146,20 @@ def test_relative_variance_by_hand() -> None:
             regret[who, "analytic", task, 200] = (np.array([[0.1, 0.1], [second, second]]), np.ones((2, 2)))
     evidence = Evidence(regret, {}, {who: np.arange(2) for who in m.STRATEGIES}, np.arange(2))
     assert m.relative_variance(evidence, who="incremental") == pytest.approx(0.5)
+
+
+def test_notes_stand_beside_their_claims(table: pd.DataFrame, tmp_path: Path) -> None:
+    claim = "5. Overhang is harder than tallest"
+    notes = tmp_path / "notes.yaml"
+    notes.write_text(f"{claim}: seen at every number of towers\n")
+    noted = table.copy()
+    add_notes(noted, notes)
+    assert noted.set_index("claim")["note"][claim] == "seen at every number of towers"
+    assert noted[noted["claim"] != claim].equals(table[table["claim"] != claim])
+
+
+def test_a_note_on_no_claim_is_refused(table: pd.DataFrame, tmp_path: Path) -> None:
+    notes = tmp_path / "notes.yaml"
+    notes.write_text("11. Towers fly: no\n")
+    with pytest.raises(InputError, match="no such claim: 11"):
+        add_notes(table.copy(), notes)

@@ -17,7 +17,7 @@ from integration.command_line import ANALYSIS, spawn
 
 SCRIPTS = {"regret": ANALYSIS / "plot_regret.py", "accuracy": ANALYSIS / "plot_accuracy.py"}
 SAMPLERS = ("sequential", "random_ss")
-TABLE, CLAIMS = ANALYSIS / "table_regret.py", ANALYSIS / "claims.py"
+TABLE, CLAIMS, KEEP = (ANALYSIS / f"{name}.py" for name in ("table_regret", "claims", "keep"))
 
 
 def plot(monkeypatch: pytest.MonkeyPatch, name: str, *arguments: str | Path) -> None:
@@ -298,3 +298,18 @@ def test_claims_of_runs(sweep: Path, tmp_path: Path) -> None:
     assert table.loc["6. Random_ss beats greedy", "verdict"] == "undecided"
     assert "greedy" in table.loc["6. Random_ss beats greedy", "note"]
     spawn([CLAIMS, tmp_path], cwd=tmp_path).must_refuse("no finished run")
+
+
+@pytest.mark.slow
+def test_what_is_kept_of_runs_gives_the_same_tables_and_names_no_path(sweep: Path, tmp_path: Path) -> None:
+    runs, kept = sweep / "runs" / "mine", tmp_path / "kept"
+    spawn([KEEP, runs, "--out", kept], cwd=tmp_path).must_work()
+    for source, name in ((runs, "before"), (kept, "after")):
+        spawn([TABLE, source, "--out", f"{name}.csv"], cwd=tmp_path).must_work()
+    assert (tmp_path / "before.csv").read_bytes() == (tmp_path / "after.csv").read_bytes()
+    originals = {path.name for path in runs.iterdir() if path.is_dir()}
+    assert {path.name for path in (kept / "mine").iterdir()} == originals
+    for run in (kept / "mine").iterdir():
+        files = ["accuracy.parquet", "config.yaml", "regret.parquet", "run.yaml"]
+        assert sorted(path.name for path in run.iterdir()) == files
+        assert str(sweep) not in (run / "run.yaml").read_text()

@@ -1,0 +1,43 @@
+"""Keep what the analyses read of finished runs, small enough to publish: no weights, no journal, no paths.
+
+    python analysis/keep.py runs/strategies runs/baselines --out results/runs
+
+Each run is copied to OUT/SWEEP/NAME; the analyses take OUT for the runs themselves.
+"""
+
+import shutil
+from pathlib import Path
+
+from commands import finished_runs, one_line_errors, parser_of
+
+from apf.files import read_yaml, write_yaml
+from apf.runs import Run
+
+TABLES = ("regret.parquet", "accuracy.parquet")
+STATE = ("name", "hash", "sweep", "choices", "versions", "finished", "seconds")
+"""What is kept of run.yaml."""
+
+
+def keep(run: Run, out: Path) -> Path:
+    """Copy one run; returns where to."""
+    state = read_yaml(run.directory / "run.yaml")
+    copy = out / state["sweep"] / state["name"]
+    copy.mkdir(parents=True, exist_ok=True)
+    for name in ("config.yaml", *TABLES):
+        shutil.copyfile(run.directory / name, copy / name)
+    write_yaml(copy / "run.yaml", {key: state[key] for key in STATE})
+    return copy
+
+
+def main() -> None:
+    """Keep the runs on the command line."""
+    parser = parser_of(__doc__)
+    parser.add_argument("--out", type=Path, default=Path("results/runs"), help="folder (default: %(default)s)")
+    arguments = parser.parse_args()
+    with one_line_errors():
+        for run in finished_runs(arguments.directories):
+            print(keep(run, arguments.out))
+
+
+if __name__ == "__main__":
+    main()
