@@ -92,11 +92,18 @@ class Evaluator:
         rows = []
         for length in self.settings.lengths if self.settings.test_towers else []:
             self.on_progress(f"testing on towers of {length}")
-            plans, labels = self._test_set(length)
+            plans, labels = self.test_set(length)
             rng = stream(self.settings.seed, "accuracy", step, length)
             right = (predictor.feasibility(plans, rng) > 0.5) == labels
             rows.append((step, towers, length, right.mean(), len(plans)))
         return pd.DataFrame(rows, columns=ACCURACY_COLUMNS)
+
+    def test_set(self, length: int) -> tuple[Towers, np.ndarray]:
+        """Balanced towers of the evaluation blocks, and their labels [N]; the same for every predictor and step."""
+        if length not in self._test_sets:
+            rng = stream(self.settings.seed, "test set", length)
+            self._test_sets[length] = self.domain.balanced(length, self.settings.test_towers, rng)
+        return self._test_sets[length]
 
     def _problems(self) -> Iterator[tuple[int, Towers]]:
         """Drawn afresh each time: that takes less than keeping them would cost in memory."""
@@ -112,9 +119,3 @@ class Evaluator:
                 name: float(task.value(standing).max(initial=0.0)) for name, task in self.tasks.items()
             }
         return self._best_values[problem]
-
-    def _test_set(self, length: int) -> tuple[Towers, np.ndarray]:
-        if length not in self._test_sets:
-            rng = stream(self.settings.seed, "test set", length)
-            self._test_sets[length] = self.domain.balanced(length, self.settings.test_towers, rng)
-        return self._test_sets[length]
