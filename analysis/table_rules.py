@@ -9,7 +9,6 @@ P(plan) is highest: it tells a wrong threshold from a wrong order.
 """
 
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -46,7 +45,7 @@ def judged(run: Run) -> Iterator[tuple[int, int, str, float]]:
     cfg = OmegaConf.create(run.config)
     config = validate(cfg)
     model = make_model(cfg, config)
-    evaluator = Evaluator(replace(config.evaluation, problems=0), config.domain, config.planner, config.task)
+    evaluator = Evaluator(config.evaluation, config.domain, config.planner, config.task)
     for step, towers in run.table("accuracy")[["step", "towers"]].drop_duplicates().itertuples(index=False):
         path = run.directory / "weights" / f"step_{step:04d}.safetensors"
         if not path.exists():
@@ -76,9 +75,9 @@ def main() -> None:
             table.to_csv(arguments.out, index=False, float_format="%.4f")
     lengths = sorted(table["length"].unique())
     lines = Table("group", "towers", "rule", *(f"{length} blocks" for length in lengths), box=None)
-    means = table.groupby(["group", "towers", "rule", "length"], sort=False)["accuracy"].mean().unstack()
-    for (group, towers, rule), row in means.iterrows():
-        lines.add_row(group, str(towers), rule, *(f"{row[length]:.3f}" for length in lengths))
+    for keys, part in table.groupby(["group", "towers", "rule"], sort=False):
+        means = part.groupby("length")["accuracy"].mean()
+        lines.add_row(*map(str, keys), *(f"{means[length]:.3f}" for length in lengths))
     Console(width=120).print(lines, highlight=False)
 
 
