@@ -30,7 +30,7 @@ from apf.worlds import AnalyticWorld
 COLUMNS = ["target", "bound", "value", "holds", "command"]
 SEED = 0
 LENGTHS = (2, 3, 4, 5)
-FEASIBLE, PLACED, COMPARED = 4, 3, 3
+FEASIBLE, PLACED, COMPARED = 10, 8, 8
 """Towers of each length that are built for the shares and errors."""
 SIDE_BY_SIDE = 6
 """Towers that each of two processes builds."""
