@@ -2,7 +2,7 @@
 
     python analysis/keep.py runs/strategies runs/baselines --out results/runs
 
-Each run is copied to OUT/SWEEP/NAME; the analyses take OUT for the runs themselves.
+A run of a sweep is copied to OUT/SWEEP/NAME, another one to OUT/NAME; the analyses take OUT for the runs themselves.
 """
 
 import shutil
@@ -14,6 +14,8 @@ from apf.files import read_yaml, write_yaml
 from apf.runs import Run
 
 TABLES = ("regret.parquet", "accuracy.parquet")
+OF_A_WORLD = "world.parquet"
+"""What a world that reports did."""
 STATE = ("name", "hash", "sweep", "choices", "versions", "finished", "seconds")
 """What is kept of run.yaml."""
 
@@ -21,9 +23,10 @@ STATE = ("name", "hash", "sweep", "choices", "versions", "finished", "seconds")
 def keep(run: Run, out: Path) -> Path:
     """Copy one run; returns where to."""
     state = read_yaml(run.directory / "run.yaml")
-    copy = out / state["sweep"] / state["name"]
+    copy = out / (state["sweep"] or "") / state["name"]
     copy.mkdir(parents=True, exist_ok=True)
-    for name in ("config.yaml", *TABLES):
+    reported = [OF_A_WORLD] if (run.directory / OF_A_WORLD).exists() else []
+    for name in ("config.yaml", *TABLES, *reported):
         shutil.copyfile(run.directory / name, copy / name)
     write_yaml(copy / "run.yaml", {key: state[key] for key in STATE})
     return copy
