@@ -39,21 +39,24 @@ class Evidence:
         counts: dict[str, int] = {}
         problems = 0
         for who, members in _by(runs, "sampler", model="tgn").items():
-            tables = pd.concat([run.table("regret").assign(run=number) for number, run in enumerate(members)])
-            if not len(tables):
+            tables = _tables(members, "regret")
+            if not tables:
                 continue
-            counts[who], problems = len(members), max(problems, tables["problem"].max() + 1)
-            by: Any = tables.groupby(["world", "task", "towers"])
+            counts[who] = len(tables)
+            by: Any = pd.concat(tables).groupby(["world", "task", "towers"])
             for (world, task, towers), part in by:
                 values, stood = (part.pivot(index="run", columns="problem", values=c) for c in ("regret", "feasible"))
-                if len(values) == len(members):
+                problems = max(problems, values.shape[1])
+                if len(values) == len(tables):
                     regret[who, world, task, int(towers)] = values.to_numpy(float), stood.to_numpy(float)
-        for model, members in _by(runs, "model", sampler="sequential").items():
-            tables = pd.concat([run.table("accuracy").assign(run=number) for number, run in enumerate(members)])
-            counts[model] = len(members)
-            by = tables.groupby(["length", "towers"])
+        for model, members in _by(_comparing(runs, "model"), "model", sampler="sequential").items():
+            tables = _tables(members, "accuracy")
+            if not tables:
+                continue
+            counts[model] = len(tables)
+            by = pd.concat(tables).groupby(["length", "towers"])
             for (length, towers), part in by:
-                if len(part) == len(members):
+                if len(part) == len(tables):
                     accuracy[model, int(length), int(towers)] = part["accuracy"].to_numpy()
         return Evidence(regret, accuracy, {who: np.arange(n) for who, n in counts.items()}, np.arange(problems))
 
@@ -94,6 +97,20 @@ class Evidence:
         values, stood = self.regret[key]
         grid = np.ix_(self.runs[key[0]], self.problems)
         return values[grid], stood[grid]
+
+
+def _tables(runs: Sequence[Run], name: str) -> list[pd.DataFrame]:
+    """The tables of that name of those runs that have any rows in it, with a column `run` that counts them."""
+    tables = [table for run in runs if len(table := run.table(name))]
+    return [table.assign(run=number) for number, table in enumerate(tables)]
+
+
+def _comparing(runs: Sequence[Run], group: str) -> Sequence[Run]:
+    """The runs of sweeps that compare options of a group, as these were evaluated alike; all runs if no sweep does."""
+    options: dict[Any, set[str]] = {}
+    for run in runs:
+        options.setdefault(run.config.get("sweep"), set()).add(str(run.choices.get(group)))
+    return [run for run in runs if len(options[run.config.get("sweep")]) > 1] or runs
 
 
 def _by(runs: Sequence[Run], group: str, **others: str) -> dict[str, list[Run]]:

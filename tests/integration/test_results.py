@@ -1,0 +1,32 @@
+"""What is published is what the published runs give: the analyses of `results/runs`, once more."""
+
+from pathlib import Path
+
+import pytest
+
+from integration.command_line import ANALYSIS, REPOSITORY, spawn
+
+RESULTS = REPOSITORY / "results"
+ANALYSES = {
+    "regret.csv": ("plot_regret.py", "strategies", "baselines", "--out", "regret"),
+    "regret_table.csv": ("table_regret.py", "strategies", "baselines", "predictors", "--out", "regret_table.csv"),
+    "claims.csv": ("claims.py", ".", "--notes", RESULTS / "notes.yaml", "--out", "claims.csv"),
+}
+"""By the file that it writes: a script, folders of `results/runs`, and options."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ANALYSES)
+def test_an_analysis_once_more(name: str, tmp_path: Path) -> None:
+    script, *words = ANALYSES[name]
+    end = words.index("--notes" if "--notes" in words else "--out")
+    folders = [RESULTS / "runs" / word for word in words[:end]]
+    spawn([ANALYSIS / script, *folders, *words[end:]], cwd=tmp_path).must_work()
+    assert (tmp_path / name).read_bytes() == (RESULTS / name).read_bytes()
+
+
+@pytest.mark.slow
+def test_what_the_robot_did_once_more(tmp_path: Path) -> None:
+    run, out = RESULTS / "panda" / "panda_experiment", tmp_path / "statistics.csv"
+    spawn([ANALYSIS / "table_robot.py", run, "--out", out], cwd=tmp_path).must_work()
+    assert out.read_bytes() == (RESULTS / "panda" / "statistics.csv").read_bytes()
