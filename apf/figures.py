@@ -80,11 +80,13 @@ def _panels(
 
     centre, low, high = lines
     groups = list(dict.fromkeys(group for curves in rows.values() for group in curves["group"]))
+    outlined = len(groups) > 3  # more bands than that hide each other
+    shade = 0.05 if outlined else 0.18
     colours = dict(zip(groups, sns.color_palette("colorblind", len(groups)), strict=True))
     style: Any = {"font.size": 8, "axes.titlesize": 9, "axes.labelsize": 8, "legend.fontsize": 8, "pdf.fonttype": 42}
     with sns.axes_style("ticks", {"axes.grid": True, "grid.color": "0.92"}), mpl.rc_context(style):
         width, height = PANEL
-        legend_rows = -(-len(groups) // 4) if len(groups) > 1 else 0
+        legend_rows = -(-len(groups) // 6) if len(groups) > 1 else 0
         size = (width * len(titles) + 0.3, height * len(rows) + 0.2 * legend_rows)
         figure, grid = plt.subplots(
             len(rows), len(titles), figsize=size, sharex=True, sharey=True, squeeze=False, layout="constrained"
@@ -98,7 +100,9 @@ def _panels(
                 axes.plot(
                     line["towers"], line[centre], color=colours[group], label=group, marker=marker, markersize=2.5
                 )
-                axes.fill_between(line["towers"], line[low], line[high], color=colours[group], alpha=0.18, linewidth=0)
+                axes.fill_between(line["towers"], line[low], line[high], color=colours[group], alpha=shade, linewidth=0)
+                if outlined:
+                    axes.plot(line["towers"], line[[low, high]], color=colours[group], linewidth=0.6, linestyle=":")
             if axes in grid[0]:
                 axes.set_title(titles[value])
             if axes in grid[-1]:
@@ -108,5 +112,5 @@ def _panels(
         sns.despine(figure)
         if len(groups) > 1:
             handles, labels = panels[0].get_legend_handles_labels()
-            figure.legend(handles, labels, loc="outside upper center", ncols=min(4, len(groups)), frameon=False)
+            figure.legend(handles, labels, loc="outside upper center", ncols=min(6, len(groups)), frameon=False)
     return figure, panels
