@@ -15,10 +15,16 @@ class Predictor(ABC):
     random: bool = False
     """Does it draw from `rng`? Then asking twice may give two answers, and a planner asks once."""
 
+    members: int = 1
+    """Is P, or each factor of it, the mean of what so many members say? Then a planner can drop a plan once some of
+    them were asked, by `last_feasibility`."""
+
     @abstractmethod
     def feasibility(self, plans: Any, rng: np.random.Generator) -> np.ndarray:
         """[N] probability that each plan succeeds."""
 
-    def last_feasibility(self, plans: Any) -> np.ndarray:
-        """[N] probability that the last placement succeeds, given that those before it did; if `by_prefix`."""
+    def last_feasibility(self, plans: Any, members: slice = slice(None)) -> np.ndarray:
+        """[N] mean over these members of the probability that the last placement succeeds, given that those before
+        it did; or that the whole plan does, unless `by_prefix`. Asked if `by_prefix`, or if there are more members.
+        """
         raise TypeError(f"{type(self).__name__} judges whole plans only")

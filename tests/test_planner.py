@@ -86,6 +86,32 @@ def rounded(exact):
     return exact if n == 1 else (exact * (1 + 1e-7 * noise)).astype(np.float32)
 
 
+class Members(ByPrefix):
+    """Ten members, who agree on 0 and 1, and otherwise spread around the mean; keeps how many were asked about a row."""
+
+    members = 10
+
+    def __init__(self):
+        self.asked = {}
+
+    def last_feasibility(self, plans, members=slice(None)):
+        for row in plans.row:
+            self.asked[int(row)] = self.asked.get(int(row), 0) + len(range(self.members)[members])
+        mean = self.chance(plans)
+        spread = np.linspace(-1, 1, self.members)[:, None] * np.minimum(mean, 1 - mean)
+        return (mean + spread)[members].mean(0)
+
+    def chance(self, plans):
+        return plans.chance[:, -1]
+
+
+class MembersOfWhole(Members):
+    by_prefix = False
+
+    def chance(self, plans):
+        return plans.chance.prod(1)
+
+
 class RoundingWhole(Whole):
     def feasibility(self, plans, rng):
         return rounded(super().feasibility(plans, rng))
@@ -231,11 +257,25 @@ class TestPruning:
         assert {row for row, _ in predictor.asked} == {0, 1}
 
     def test_a_prefix_that_is_unlikely_ends_the_search_for_its_plan(self):
-        # 10 * 0.1 = 1 is less than 5: the second plan's longer prefixes do not matter
-        plans = make([[1.0, 1.0, 1.0], [0.1, 1.0, 1.0]], [5, 10])
+        # 7 * 0.5 = 3.5 is less than 5: once the first plan is known, the second's longer prefixes do not matter
+        plans = make([[1.0, 0.5, 1.0], [0.5, 1.0, 1.0]], [10, 7])
         predictor = ByPrefix()
         assert plan(plans, predictor, chunk=1).index == 0
         assert {length for row, length in predictor.asked if row == 1} == {2}
+
+    def test_members_are_asked_only_as_long_as_the_plan_may_win(self):
+        # the first plan is found to be worth 8 * 0.75 = 6; once two of ten say 0 of the second, 7 * 0.8 is less than that
+        plans = make([[0.75], [0.0], [1.0]], [8, 7, 5])
+        predictor = Members()
+        assert plan(plans, predictor, chunk=1).index == 0
+        assert predictor.asked == {0: 10, 1: 2}
+
+    @MANY
+    @given(plans=coarse_cases(), kind=st.sampled_from([Members, MembersOfWhole]), chunk=chunks)
+    def test_asking_some_members_first_changes_nothing(self, plans, kind, chunk):
+        choice = plan(plans, kind(), chunk)
+        row, expected = exhaustive(plans)
+        assert (choice.index if expected > 0 else 0, choice.expected) == (row, pytest.approx(expected, rel=1e-12))
 
     def test_no_prefix_is_asked_about_twice(self):
         rng = np.random.default_rng(0)

@@ -21,6 +21,9 @@ from apf.settings import settings
 CHUNK = 4096
 """Pairs of blocks that one member looks at together: activations then stay in the cache."""
 
+FEW = 2048
+"""Pairs of blocks that all members look at together: starting operations for each takes longer than computing."""
+
 
 @settings
 class EnsembleSettings:
@@ -49,7 +52,9 @@ class Ensemble(Predictor):
         self.device = device
         sizes = {"n_features": domain.n_features, "n_position": domain.n_position}
         self.network = settings.network(members=settings.members, **sizes).to(device)
-        self._one_member = settings.network(members=1, **sizes).to(device)
+        self._some = settings.network(members=1, **sizes).to(
+            device
+        )  # of the members, which share their weights with it
 
     def fit(self, train: Sequence[Labelled], validation: Sequence[Labelled], rng: np.random.Generator) -> History:
         """Train all members from scratch, each with its own start and order of examples.
@@ -80,9 +85,11 @@ class Ensemble(Predictor):
         """
         return self.predict(plans).mean(0).prod(1)
 
-    def last_feasibility(self, plans: Any) -> np.ndarray:
-        """[N] probability that the last placement succeeds, given that those before it did (Theta_ss)."""
-        return self._predict(plans, whole=True).mean(0)[:, 0]
+    def last_feasibility(self, plans: Any, members: slice = slice(None)) -> np.ndarray:
+        """[N] mean over these members: probability that the last placement succeeds, given that those before it did
+        (Theta_ss), or that the whole plan does (Theta_comp).
+        """
+        return self._predict(plans, whole=True, members=members).mean(0)[:, 0]
 
     def save(self, path: Path) -> None:
         """Write the weights as safetensors. Raises OSError if that cannot be done."""
@@ -96,18 +103,25 @@ class Ensemble(Predictor):
         self.network.load_state_dict(load_file(path, device=str(self.device)))
 
     @torch.inference_mode()
-    def _predict(self, plans: Any, whole: bool) -> np.ndarray:
-        """[E, N, K - 1], or [E, N, 1] if `whole`: one member after another, as that keeps activations in the cache."""
+    def _predict(self, plans: Any, whole: bool, members: slice = slice(None)) -> np.ndarray:
+        """[members, N, K - 1], or [members, N, 1] if `whole`.
+
+        Few plans are shown to all of these members together, many to one after another, in chunks that keep
+        activations in the cache.
+        """
         x = torch.from_numpy(self.domain.features(plans)).to(self.device)
+        pairs = math.comb(plans.length, 2)
+        few = len(plans) * pairs <= FEW
+        asked = range(self.members)[members]
+        groups = [asked] if few else [asked[i : i + 1] for i in range(len(asked))]
+        size = len(plans) if few else max(CHUNK // pairs, 256)
         outputs = 1 if whole else plans.length - 1
-        logits = torch.empty(self.members, len(plans), outputs, dtype=torch.float64, device=self.device)
-        size = max(CHUNK // math.comb(plans.length, 2), 256)
-        for member in range(self.members):
-            for weight, stack in zip(self._one_member.parameters(), self.network.parameters(), strict=True):
-                weight.data = stack.data[member : member + 1]
-            for start in range(0, len(plans), size):
-                chunk = slice(start, start + size)
-                logits[member, chunk] = self._one_member(x[None, chunk], whole)[0]
+        logits = torch.empty(len(asked), len(plans), outputs, dtype=torch.float64, device=self.device)
+        for group, of_group in zip(groups, logits.split(len(groups[0])), strict=True):
+            for weight, stack in zip(self._some.parameters(), self.network.parameters(), strict=True):
+                weight.data = stack.data[group.start : group.stop]
+            for part, out in zip(x.split(size), of_group.split(size, 1), strict=True):
+                out.copy_(self._some(part.expand(len(group), *part.shape), whole))
         return torch.sigmoid(logits).cpu().numpy()
 
 

@@ -1,5 +1,6 @@
 """The Monte Carlo planner: of many random plans, the one of highest expected value (Section Evaluation phase)."""
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,6 +10,16 @@ from pydantic import PositiveInt
 from apf.predictor import Predictor
 from apf.settings import settings
 from apf.tasks import Task
+
+ASKED = (0.2, 0.5, 1.0)
+"""Shares of the members that were asked about a prefix after one look, two, three: most candidates are hopeless, and a
+few members can tell."""
+
+NARROWING = 0.6
+"""Share of a wave that is followed from one look to the next."""
+
+GROWTH = 8
+"""How many times as large the next wave is."""
 
 TIE = 1e-5
 """Candidates this close to the best, relatively, are scored once more, each alone: the rounding of a product of
@@ -24,11 +35,20 @@ class Choice:
     expected: float
 
 
+@dataclass(frozen=True)
+class Look:
+    """What is computed at once of a candidate: what these members say of its prefix of this length."""
+
+    length: int
+    members: slice
+
+
 class Pool:
     """The candidates of one problem, and what is known so far of each one's chance of success.
 
-    bound: [N] an upper bound of P(feasible): 1 at first, then that of ever longer prefixes, at last P itself.
-    known: [N] bool, whether the bound is P. All tasks of a problem share what was computed.
+    bound: [N] an upper bound of P(feasible): 1 at first, then that of ever longer prefixes, at last P itself. Members
+    that were not asked yet may say 1. known: [N] bool, whether the bound is P. All tasks of a problem share what was
+    computed.
     """
 
     def __init__(self, candidates: Any, predictor: Predictor, rng: np.random.Generator) -> None:
@@ -36,30 +56,47 @@ class Pool:
         self.predictor = predictor
         self.rng = rng
         n, length = len(candidates), candidates.length
+        ends = sorted({math.ceil(share * predictor.members) for share in ASKED})
+        asked = [slice(start, end) for start, end in zip([0, *ends], ends)]
+        lengths = range(2 if predictor.by_prefix else length, length + 1)
+        self.looks = [Look(length, members) for length in lengths for members in asked]
         self.bound = np.ones(n)
-        self._next_length = np.full(n, 2 if predictor.by_prefix else length, np.int8)
+        self.n_looks = np.zeros(n, np.int16)
+        self._of_shorter = np.ones(n)  # P of the prefix before the one that is looked at
+        self._sum = np.zeros(n)  # of what the members asked so far say of it
 
     @property
     def known(self) -> np.ndarray:
         """[N] bool: is the bound P itself?"""
-        return self._next_length > self.candidates.length
+        return self.n_looks == len(self.looks)
 
-    def tighten(self, rows: np.ndarray) -> None:
-        """Look at one placement more of each of the given candidates [M], none of which is known yet."""
-        lengths = self._next_length[rows]
-        for length in np.unique(lengths):
-            some = rows[lengths == length]
-            self.bound[some] *= self._chance(some, int(length))
-            self._next_length[some] += 1
+    def look(self, number: int, rows: np.ndarray) -> None:
+        """Have look `number` at those candidates [M] which had all looks before it."""
+        look, members = self.looks[number], self.predictor.members
+        asked = look.members.stop
+        self._sum[rows] += self._chance(rows, look) * (asked - look.members.start)
+        self.bound[rows] = self._of_shorter[rows] * (self._sum[rows] + members - asked) / members
+        if asked == members:
+            self._of_shorter[rows], self._sum[rows] = self.bound[rows], 0.0
+        self.n_looks[rows] += 1
+
+    def promising(self, values: np.ndarray, rows: np.ndarray | slice = slice(None)) -> np.ndarray:
+        """Which of these candidates (all by default) may be better, at bound x V, than the best that is known."""
+        limit, known = self.bound * values, self.known
+        best = limit[known].max(initial=0.0)
+        open_ = ~known & (limit >= best * (1 - TIE)) & (limit > 0)
+        return np.flatnonzero(open_) if isinstance(rows, slice) else rows[open_[rows]]
 
     def alone(self, row: int) -> float:
         """P of one candidate, computed apart from all others."""
         return float(self.predictor.feasibility(self.candidates[row : row + 1], self.rng)[0])
 
-    def _chance(self, rows: np.ndarray, length: int) -> np.ndarray:
-        plans = self.candidates[rows]
+    def _chance(self, rows: np.ndarray, look: Look) -> np.ndarray:
+        plans = self.candidates[rows].prefix(look.length)
+        if self.predictor.members > 1:
+            return self.predictor.last_feasibility(plans, look.members)
         if self.predictor.by_prefix:
-            return self.predictor.last_feasibility(plans.prefix(length))
+            return self.predictor.last_feasibility(plans)
         return self.predictor.feasibility(plans, self.rng)
 
 
@@ -69,38 +106,46 @@ class MonteCarloPlanner:
 
     candidates: PositiveInt
     """Random plans considered for each problem."""
+    first: PositiveInt = 1024
+    """Plans of the first wave, which is to find a good one; the next waves are larger."""
     chunk: PositiveInt = 32768
-    """Plans looked at between two decisions which to look at next; at most a third of all candidates."""
+    """Plans of the largest wave: bounds memory."""
 
     def pool(self, candidates: Any, predictor: Predictor, rng: np.random.Generator) -> Pool:
         """The candidates of a problem, for `plan`. A predictor that draws is asked once, for all of them."""
         pool = Pool(candidates, predictor, rng)
         if predictor.random:
-            pool.tighten(np.arange(len(candidates)))
+            pool.look(0, np.arange(len(candidates)))
         return pool
 
     def plan(self, task: Task, pool: Pool) -> Choice:
         """The best of the candidates, the first among equals: branch and bound, exact.
 
         P <= 1, and no plan is likelier to succeed than a prefix of it, so bound x V limits what a candidate can
-        reach. Those of the highest limit are looked at next, one placement further each time, until none that is
-        not known can still win. With a good predictor that takes a few thousand of a hundred thousand candidates.
+        reach. In waves, those of the highest limit are looked at; then some of these once more, if they may still win;
+        and so on until all is known of a few. A small wave comes first: the good plan that it finds spares most looks
+        of the next ones.
         """
         values = task.value(pool.candidates)
-        chunk = max(1, min(self.chunk, len(values) // 3))
-        while True:
-            limit = pool.bound * values
-            known = pool.known
-            best = limit[known].max(initial=0.0)
-            open_rows = np.flatnonzero(~known & (limit >= best * (1 - TIE)) & (limit > 0))
-            if not len(open_rows):
-                break
-            if len(open_rows) > chunk:
-                open_rows = open_rows[np.argpartition(-limit[open_rows], chunk)[:chunk]]
-            pool.tighten(open_rows)
+        wave = min(self.first, self.chunk)
+        while len(rows := pool.promising(values)):
+            rows = _highest(wave, rows, pool.bound * values)
+            for number in range(len(pool.looks)):
+                ready = rows[pool.n_looks[rows] == number]
+                if len(ready):
+                    pool.look(number, _highest(math.ceil(wave * NARROWING**number), ready, pool.bound * values))
+                    rows = pool.promising(values, rows)
+            wave = min(GROWTH * wave, self.chunk)
+        limit, known = pool.bound * values, pool.known
+        best = limit[known].max(initial=0.0)
         near = np.flatnonzero(known & (limit >= best * (1 - TIE))) if best > 0 else np.array([0])
         expected = limit[near]
         if len(near) > 1 and not pool.predictor.random:
             expected = np.array([pool.alone(row) * values[row] for row in near])
         winner = int(expected.argmax())
         return Choice(int(near[winner]), float(values[near[winner]]), float(expected[winner]))
+
+
+def _highest(n: int, rows: np.ndarray, limit: np.ndarray) -> np.ndarray:
+    """Those n of rows [M] that have the highest limit [N], or all if they are fewer."""
+    return rows if len(rows) <= n else rows[np.argpartition(-limit[rows], n)[:n]]

@@ -18,7 +18,7 @@ class AnalyticPredictor(Predictor):
         """[N] of 0 and 1."""
         return stands(plans).astype(float)
 
-    def last_feasibility(self, plans: Towers) -> np.ndarray:
+    def last_feasibility(self, plans: Towers, members: slice = slice(None)) -> np.ndarray:
         """[N] of 0 and 1: as `feasibility`, since what holds a fallen prefix has fallen."""
         return stands(plans).astype(float)
 
