@@ -87,7 +87,7 @@ def rounded(exact):
 
 
 class Members(ByPrefix):
-    """Ten members, who agree on 0 and 1, and otherwise spread around the mean; keeps how many were asked about a row."""
+    """Ten members, who agree on 0 and 1, and else spread around the mean; keeps how many were asked about a row."""
 
     members = 10
 
@@ -264,7 +264,7 @@ class TestPruning:
         assert {length for row, length in predictor.asked if row == 1} == {2}
 
     def test_members_are_asked_only_as_long_as_the_plan_may_win(self):
-        # the first plan is found to be worth 8 * 0.75 = 6; once two of ten say 0 of the second, 7 * 0.8 is less than that
+        # the first is found to be worth 8 * 0.75 = 6; once two of ten say 0 of the second, 7 * 0.8 is less than that
         plans = make([[0.75], [0.0], [1.0]], [8, 7, 5])
         predictor = Members()
         assert plan(plans, predictor, chunk=1).index == 0
