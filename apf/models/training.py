@@ -8,7 +8,7 @@ from typing import Annotated
 
 import numpy as np
 import torch
-from pydantic import Field, NonNegativeFloat, PositiveFloat, PositiveInt
+from pydantic import Field, NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt
 from torch import Tensor, nn
 from torch.nn.functional import binary_cross_entropy_with_logits
 from torch.nn.utils import parameters_to_vector
@@ -31,6 +31,9 @@ class Training:
     """
 
     learning_rate: PositiveFloat = 1e-2
+    warmup: NonNegativeInt = 100
+    """Updates during which the learning rate rises to that. With large first steps some members die: their units fall
+    silent, and they say the same of every plan."""
     weight_decay: NonNegativeFloat = 40
     """An update takes learning_rate x weight_decay / labelled plans of each weight: like a prior, it counts for less
     the more there is to learn from."""
@@ -95,6 +98,7 @@ def fit(
     train_loss, labels = torch.zeros(members, device=device), 0
     batches = _batches(train_groups, training.batch, generators, turns)
     for update, (x, y, rows) in enumerate(islice(batches, training.updates), 1):
+        optimiser.param_groups[0]["lr"] = training.learning_rate * min(1.0, update / max(1, training.warmup))
         train_loss += _update(network, x[rows], y[rows], optimiser)
         labels += rows.shape[1] * y.shape[1]
         mean.lerp_(weights.detach(), 1 - min(training.averaging, update / (update + 9)))
