@@ -84,7 +84,7 @@ class Experiment:
         for step in range(self.steps + 1):
             self.choose(step)
             self.execute(step)
-            to_propose = step < self.steps and not self.store.planned(step + 1)
+            to_propose = step < self.steps and not self.store.planned(step + 1) and self.sampler.score.asks_model
             to_evaluate = self.due(step) and not self.store.evaluated(step)
             if to_propose or to_evaluate:
                 self.learn(step)

@@ -131,6 +131,20 @@ def test_without_early_stopping_all_plans_are_trained_on_and_the_last_weights_ke
         torch.testing.assert_close(one, other)
 
 
+@pytest.mark.parametrize(("warmup", "rates"), [(4, [0.25, 0.5, 0.75, 1, 1, 1]), (1, [1] * 6), (0, [1] * 6)])
+def test_the_learning_rate_rises_to_its_value(warmup: int, rates: list[float], monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[float] = []
+
+    def note(network: EnsembleNetwork, x: object, y: object, optimiser: torch.optim.Optimizer) -> torch.Tensor:
+        seen.append(optimiser.param_groups[0]["lr"])
+        return torch.zeros(3)
+
+    monkeypatch.setattr(training_module, "_update", note)
+    model = ensemble(learning_rate=0.2, warmup=warmup, updates=6)
+    model.fit([labelled(2, 20, 1)], [], np.random.default_rng(0))
+    assert seen == pytest.approx([0.2 * rate for rate in rates])
+
+
 def test_what_is_kept_is_a_running_mean_of_the_weights(monkeypatch: pytest.MonkeyPatch) -> None:
     """Without the losses: each update is made to add 1 to every weight."""
 

@@ -24,6 +24,9 @@ class Model(Protocol):
 class Score(ABC):
     """An acquisition function."""
 
+    asks_model: bool = True
+    """Does it ask the model? If not, none is trained before plans are proposed."""
+
     @abstractmethod
     def __call__(self, model: Model, plans: Any, rng: np.random.Generator) -> np.ndarray:
         """[N] score of each plan, higher is better."""
@@ -48,6 +51,8 @@ class ExpectedBald(Score):
 @settings
 class Random(Score):
     """No opinion: a random choice among the candidates."""
+
+    asks_model = False
 
     def __call__(self, model: Model, plans: Any, rng: np.random.Generator) -> np.ndarray:
         return rng.random(len(plans))
