@@ -250,6 +250,14 @@ def test_initial_towers(sampler: str, here: Path) -> None:
 
 
 @pytest.mark.usefixtures("no_figures")
+@pytest.mark.parametrize(("sampler", "trained"), [("sequential", [0, 1, 2]), ("random_ss", [2])])
+def test_a_model_is_trained_only_to_be_asked(sampler: str, trained: list[int], here: Path) -> None:
+    call(*TINY, f"sampler={sampler}", "evaluation.every=12", "hydra.run.dir=run").must_work()
+    records = [json.loads(line) for line in (here / "run" / "journal.jsonl").read_text().splitlines()]
+    assert [record["step"] for record in records if record["kind"] == "training"] == trained
+
+
+@pytest.mark.usefixtures("no_figures")
 def test_a_label_is_in_the_journal_before_the_next_tower_starts(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The file, as anybody may read it, holds every label but those still to come."""
     seen = []
