@@ -23,6 +23,8 @@ from apf.files import read_yaml
 COLUMNS = ["claim", "paper", "statistic", "value", "low", "high", "runs", "verdict", "note"]
 ANALYTIC, SIMULATION = "predictor analytic", "predictor simulation"
 HARD = ("overhang", "unsupported")
+ENOUGH = 2
+"""Runs of what learns, at least, without which nothing is decided."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +55,10 @@ class Claim:
             nothing = dict.fromkeys(("value", "low", "high"), np.nan)
             return {**nothing, "runs": runs, "verdict": "undecided", "note": str(missing)}
         low, high = np.nanquantile([self.measure(evidence.drawn(rng)) for _ in range(draws)], [0.025, 0.975])
-        return {"value": value, "low": low, "high": high, "runs": runs, "verdict": self.verdict(low, high), "note": ""}
+        few = [name for name in self.names if name not in (ANALYTIC, SIMULATION) and len(evidence.runs[name]) < ENOUGH]
+        verdict = "undecided" if few else self.verdict(low, high)
+        note = f"too few runs of {', '.join(few)} to tell how much they differ" if few else ""
+        return {"value": value, "low": low, "high": high, "runs": runs, "verdict": verdict, "note": note}
 
     def verdict(self, low: float, high: float) -> str:
         """Does the claim hold, if its statistic is somewhere from low to high?"""

@@ -127,6 +127,18 @@ def test_what_was_not_measured_is_said(evidence: Evidence) -> None:
     assert np.isnan(row["value"])
 
 
+def test_one_run_of_what_learns_decides_nothing(evidence: Evidence) -> None:
+    one = Evidence(
+        evidence.regret, evidence.accuracy, dict(evidence.runs) | {"greedy": np.arange(1)}, evidence.problems
+    )
+    table = table_of_claims(one, draws=5).set_index("claim")
+    row = table.loc["6. Random_ss beats greedy"]
+    assert (row["verdict"], row["runs"]) == ("undecided", "4 + 1")
+    assert row["value"] > 0
+    assert "too few runs of greedy" in row["note"]
+    assert table.loc["6. Sequential beats random_ss", "verdict"] == "holds"
+
+
 def test_a_draw_takes_whole_runs_and_whole_problems(evidence: Evidence) -> None:
     """Every number of a draw is one of the original, in its row and column."""
     regret = {("sequential", "analytic", "tallest", 200): (np.arange(12.0).reshape(3, 4), np.ones((3, 4)))}
