@@ -11,9 +11,9 @@ from apf.predictor import Predictor
 from apf.settings import settings
 from apf.tasks import Task
 
-ASKED = (0.2, 0.5, 1.0)
-"""Shares of the members that were asked about a prefix after one look, two, three: most candidates are hopeless, and a
-few members can tell."""
+ROUNDS = ((0.2, 0.5), (1.0,))
+"""How far through the members the looks at each prefix are, round by round. Most candidates are hopeless, and a few
+members can tell; so half of them are asked about all prefixes before the others are."""
 
 NARROWING = 0.6
 """Share of a wave that is followed from one look to the next."""
@@ -37,10 +37,31 @@ class Choice:
 
 @dataclass(frozen=True)
 class Look:
-    """What is computed at once of a candidate: what these members say of its prefix of this length."""
+    """What is computed at once of a candidate: what these members say of its prefix of this length.
+
+    silent: [prefixes] how many members were not asked yet about each prefix, this look included.
+    """
 
     length: int
     members: slice
+    silent: np.ndarray
+
+    @property
+    def n_members(self) -> int:
+        """How many are asked."""
+        return self.members.stop - self.members.start
+
+
+def _looks(lengths: range, members: int) -> list[Look]:
+    """All looks at a candidate, in their order."""
+    asked, looks = dict.fromkeys(lengths, 0), []
+    for shares in ROUNDS:
+        for length in lengths:
+            for end in (math.ceil(share * members) for share in shares):
+                if end > asked[length]:
+                    some, asked[length] = slice(asked[length], end), end
+                    looks.append(Look(length, some, members - np.array(list(asked.values()))))
+    return looks
 
 
 class Pool:
@@ -55,15 +76,11 @@ class Pool:
         self.candidates = candidates
         self.predictor = predictor
         self.rng = rng
-        n, length = len(candidates), candidates.length
-        ends = sorted({math.ceil(share * predictor.members) for share in ASKED})
-        asked = [slice(start, end) for start, end in zip([0, *ends], ends)]
-        lengths = range(2 if predictor.by_prefix else length, length + 1)
-        self.looks = [Look(length, members) for length in lengths for members in asked]
-        self.bound = np.ones(n)
-        self.n_looks = np.zeros(n, np.int16)
-        self._of_shorter = np.ones(n)  # P of the prefix before the one that is looked at
-        self._sum = np.zeros(n)  # of what the members asked so far say of it
+        lengths = range(2 if predictor.by_prefix else candidates.length, candidates.length + 1)
+        self.looks = _looks(lengths, predictor.members)
+        self.bound = np.ones(len(candidates))
+        self.n_looks = np.zeros(len(candidates), np.int16)
+        self._sums = np.zeros((len(candidates), len(lengths)))  # of what members say of each prefix
 
     @property
     def known(self) -> np.ndarray:
@@ -71,13 +88,10 @@ class Pool:
         return self.n_looks == len(self.looks)
 
     def look(self, number: int, rows: np.ndarray) -> None:
-        """Have look `number` at those candidates [M] which had all looks before it."""
-        look, members = self.looks[number], self.predictor.members
-        asked = look.members.stop
-        self._sum[rows] += self._chance(rows, look) * (asked - look.members.start)
-        self.bound[rows] = self._of_shorter[rows] * (self._sum[rows] + members - asked) / members
-        if asked == members:
-            self._of_shorter[rows], self._sum[rows] = self.bound[rows], 0.0
+        """Have look `number` at candidates [M] that had all looks before it."""
+        look = self.looks[number]
+        self._sums[rows, look.length - self.candidates.length - 1] += self._chance(rows, look) * look.n_members
+        self.bound[rows] = ((self._sums[rows] + look.silent) / self.predictor.members).prod(1)
         self.n_looks[rows] += 1
 
     def promising(self, values: np.ndarray, rows: np.ndarray | slice = slice(None)) -> np.ndarray:
