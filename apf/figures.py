@@ -13,6 +13,8 @@ if TYPE_CHECKING:
 TITLES = {"tallest": "Tallest tower", "overhang": "Longest overhang", "unsupported": "Maximum unsupported area"}
 PANEL = (2.6, 2.3)
 """Width and height of one panel [inch]."""
+MARKERS = "os^DvX"
+"""Of the groups in turn: some of their colours are close to each other."""
 
 
 def regret_curves(regret: pd.DataFrame) -> pd.DataFrame:
@@ -96,9 +98,9 @@ def _panels(
         for (quantity, curves, value), axes in zip(cells, panels, strict=True):
             for group in groups:
                 line = curves[(curves[column] == value) & (curves["group"] == group)].sort_values("towers")
-                marker = "o" if len(line) < 15 else None
+                marker = MARKERS[groups.index(group) % len(MARKERS)] if len(line) < 15 else None
                 axes.plot(
-                    line["towers"], line[centre], color=colours[group], label=group, marker=marker, markersize=2.5
+                    line["towers"], line[centre], color=colours[group], label=group, marker=marker, markersize=3.5
                 )
                 axes.fill_between(line["towers"], line[low], line[high], color=colours[group], alpha=shade, linewidth=0)
                 if outlined:
