@@ -131,6 +131,12 @@ def test_without_early_stopping_all_plans_are_trained_on_and_the_last_weights_ke
         torch.testing.assert_close(one, other)
 
 
+def test_of_no_plans_nothing_is_said() -> None:
+    model, none = ensemble(), labelled(4, 2, 1).plans[:0]
+    assert model.predict(none).shape == (3, 0, 3)
+    assert model.last_feasibility(none, slice(0, 2)).shape == (0,)
+
+
 @pytest.mark.parametrize(("warmup", "rates"), [(4, [0.25, 0.5, 0.75, 1, 1, 1]), (1, [1] * 6), (0, [1] * 6)])
 def test_the_learning_rate_rises_to_its_value(warmup: int, rates: list[float], monkeypatch: pytest.MonkeyPatch) -> None:
     seen: list[float] = []

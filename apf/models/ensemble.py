@@ -52,9 +52,7 @@ class Ensemble(Predictor):
         self.device = device
         sizes = {"n_features": domain.n_features, "n_position": domain.n_position}
         self.network = settings.network(members=settings.members, **sizes).to(device)
-        self._some = settings.network(members=1, **sizes).to(
-            device
-        )  # of the members, which share their weights with it
+        self._some = settings.network(members=1, **sizes).to(device)  # shares the weights of those that are asked
 
     def fit(self, train: Sequence[Labelled], validation: Sequence[Labelled], rng: np.random.Generator) -> History:
         """Train all members from scratch, each with its own start and order of examples.
@@ -117,6 +115,8 @@ class Ensemble(Predictor):
         size = len(plans) if few else max(CHUNK // pairs, 256)
         outputs = 1 if whole else plans.length - 1
         logits = torch.empty(len(asked), len(plans), outputs, dtype=torch.float64, device=self.device)
+        if not len(plans):
+            return logits.numpy(force=True)
         for group, of_group in zip(groups, logits.split(len(groups[0])), strict=True):
             for weight, stack in zip(self._some.parameters(), self.network.parameters(), strict=True):
                 weight.data = stack.data[group.start : group.stop]
