@@ -30,7 +30,7 @@ VALUE = {symbol: label for label, symbol in SYMBOL.items()}
 
 DTYPES = {
     **dict.fromkeys(("step", "towers", "problem", "length", "n"), "int64"),
-    **dict.fromkeys(("value", "best_value", "regret", "accuracy"), "float64"),
+    **dict.fromkeys(("value", "best_value", "regret", "accuracy", "auc"), "float64"),
     "feasible": "bool",
 }
 

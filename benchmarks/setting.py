@@ -79,7 +79,8 @@ class Setting:
         """The config composed and checked."""
         sizes = [
             f"training.updates={self.sizes.updates}",
-            "domain.mirror=false",  # the reference has the four sides alone
+            "domain.mirror=false",  # the reference has the four sides alone,
+            "domain.mass_scales=0",  # with their own masses
             f"sampler.candidates.n={self.sizes.candidates}",
             f"planner.candidates={self.sizes.plan_candidates}",
             "tracker=none",

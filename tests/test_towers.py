@@ -242,7 +242,8 @@ class TestTowerDomain:
         rows = [domain.evaluation_blocks.name.index(name) for name in problem.blocks.name]
         np.testing.assert_array_equal(problem.blocks.dims, domain.evaluation_blocks.dims[rows])
 
-    def test_views_are_the_four_sides_each_followed_by_its_mirror_image(self, domain):
+    def test_views_are_the_four_sides_each_followed_by_its_mirror_image(self):
+        domain = TowerDomain(mass_scales=0)
         plans = domain.random_plans(3, 4, rng_of(0))
         views = list(domain.views(plans))
         assert len(views) == 8
@@ -258,9 +259,23 @@ class TestTowerDomain:
             np.testing.assert_array_equal(view[..., [0, 3, 6, 9]], views[0][..., [0, 3, 6, 9]])
 
     def test_without_mirror_there_are_four(self):
-        domain = TowerDomain(mirror=False)
+        domain = TowerDomain(mirror=False, mass_scales=0)
         views = list(domain.views(domain.random_plans(2, 3, rng_of(0))))
         assert len(views) == 4
+
+    @given(seed=seeds, length=st.integers(1, 5))
+    def test_masses_are_scaled_alike_from_the_lightest_to_the_heaviest_of_the_set(self, domain, seed, length):
+        plans = domain.random_plans(length, 3, rng_of(seed))
+        lightest, heaviest = domain.training_blocks.mass.min(), domain.training_blocks.mass.max()
+        plain, scaled = (list(TowerDomain(mirror=False, mass_scales=n).views(plans)) for n in (0, 3))
+        assert len(scaled) == 3 * len(plain)
+        masses = np.array([view[..., 0] / 2 + 0.55 for view in scaled[:3]])
+        np.testing.assert_allclose(masses[0].min(1), lightest, rtol=1e-5)
+        np.testing.assert_allclose(masses[2].max(1), heaviest, rtol=1e-5)
+        np.testing.assert_allclose(masses[1] ** 2, masses[0] * masses[2], rtol=1e-4)
+        np.testing.assert_allclose(masses[0] / masses[0][:, :1], plans.mass / plans.mass[:, :1], rtol=1e-4)
+        for number, view in enumerate(scaled):
+            np.testing.assert_array_equal(view[..., 1:], plain[number // 3][..., 1:])
 
     @given(seed=seeds, length=st.integers(1, 6))
     def test_decode_gives_back_what_encode_was_given(self, domain, seed, length):

@@ -14,10 +14,10 @@ from apf.models import Ensemble, EnsembleNetwork, EnsembleSettings, LSTMNetwork,
 from apf.models import training as training_module
 from apf.models.training import CHECK, _batches, batches_of, fit, validation_loss
 from apf.towers import TowerDomain, Towers, random_towers, standing_prefixes
-from apf.towers.features import features, mirrored
+from apf.towers.features import features, mirrored, weighed
 from apf.worlds import AnalyticWorld
 
-DOMAIN = TowerDomain()
+DOMAIN = TowerDomain(mass_scales=0)
 
 
 def labelled(length: int, n: int, seed: int) -> Labelled:
@@ -57,6 +57,13 @@ def test_a_complete_model_learns_one_label_of_the_whole_plan() -> None:
 def test_a_turned_tower_keeps_its_labels(quarters: int) -> None:
     plans = labelled(3, 50, 1).plans
     np.testing.assert_array_equal(standing_prefixes(plans.turned(quarters)), standing_prefixes(plans))
+
+
+def test_a_tower_of_heavier_blocks_keeps_its_labels() -> None:
+    plans = labelled(4, 50, 1).plans
+    heavier = Towers(replace(plans.blocks, mass=1.7 * plans.blocks.mass), plans.block, plans.rotation, plans.xy)
+    np.testing.assert_array_equal(standing_prefixes(heavier), standing_prefixes(plans))
+    np.testing.assert_allclose(features(heavier), weighed(features(plans), heavier.mass), atol=1e-6)
 
 
 def test_a_mirrored_tower_keeps_its_labels() -> None:

@@ -6,8 +6,13 @@ import torch
 from torch import Tensor, nn
 
 
+GAIN = math.sqrt(2)
+"""Weights start so many times as large as in `nn.Linear`. With its own, what a member says of any plan is the same for
+the first hundred updates; some then never leave that plateau."""
+
+
 class EnsembleLinear(nn.Module):
-    """E independent affine maps, one per member. Weights start uniform in +-1/sqrt(fan_in), as in `nn.Linear`.
+    """E independent affine maps, one per member. Weights start uniform in +-GAIN/sqrt(fan_in), biases in +-1/sqrt(fan_in).
 
     fan_in: number of inputs that decides the initial range, where a layer on concatenated inputs is split
     into one `EnsembleLinear` per input; `n_in` by default.
@@ -21,8 +26,9 @@ class EnsembleLinear(nn.Module):
 
     def reset(self, member: int, generator: torch.Generator) -> None:
         """Draw the initial weights of one member from its own generator."""
-        for parameter in self.parameters():
-            nn.init.uniform_(parameter.data[member], -self.bound, self.bound, generator=generator)
+        for parameter, bound in ((self.weight, GAIN * self.bound), (self.bias, self.bound)):
+            if parameter is not None:
+                nn.init.uniform_(parameter.data[member], -bound, bound, generator=generator)
 
     def then(self, linear: "EnsembleLinear") -> tuple[Tensor, Tensor]:
         """Weight [E, in, out] and bias [E, 1, out] of this map followed by a linear one (whose bias is left out)."""

@@ -16,7 +16,7 @@ from apf.towers import TowerDomain, Towers
 from apf.worlds import World, carry_out
 
 REGRET_COLUMNS = ["step", "towers", "task", "problem", "world", "value", "best_value", "regret", "feasible"]
-ACCURACY_COLUMNS = ["step", "towers", "length", "accuracy", "n"]
+ACCURACY_COLUMNS = ["step", "towers", "length", "accuracy", "auc", "n"]
 
 
 def _even(n: int) -> int:
@@ -88,14 +88,19 @@ class Evaluator:
         return pd.DataFrame(rows, columns=REGRET_COLUMNS)
 
     def accuracy(self, predictor: Predictor, step: int, towers: int) -> pd.DataFrame:
-        """[lengths rows, ACCURACY_COLUMNS]: share of test towers that the predictor calls right at P > 1/2."""
+        """[lengths rows, ACCURACY_COLUMNS]: share of test towers that the predictor calls right at P > 1/2.
+
+        auc: the chance that it gives a tower that stands a higher probability than one that does not, which no choice
+        of threshold touches.
+        """
         rows = []
         for length in self.settings.lengths if self.settings.test_towers else []:
             self.on_progress(f"testing on towers of {length}")
             plans, labels = self.test_set(length)
             rng = stream(self.settings.seed, "accuracy", step, length)
-            right = (predictor.feasibility(plans, rng) > 0.5) == labels
-            rows.append((step, towers, length, right.mean(), len(plans)))
+            probability = predictor.feasibility(plans, rng)
+            right = (probability > 0.5) == labels
+            rows.append((step, towers, length, right.mean(), _auc(probability, labels), len(plans)))
         return pd.DataFrame(rows, columns=ACCURACY_COLUMNS)
 
     def test_set(self, length: int) -> tuple[Towers, np.ndarray]:
@@ -119,3 +124,10 @@ class Evaluator:
                 name: float(task.value(standing).max(initial=0.0)) for name, task in self.tasks.items()
             }
         return self._best_values[problem]
+
+
+def _auc(probability: np.ndarray, labels: np.ndarray) -> float:
+    """Area under the ROC curve, of the ranks of the positives (Mann and Whitney); ties count one half."""
+    positives, negatives = labels.sum(), (~labels).sum()
+    ranks = pd.Series(probability).rank().to_numpy()
+    return float((ranks[labels].sum() - positives * (positives + 1) / 2) / (positives * negatives))

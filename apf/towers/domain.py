@@ -12,13 +12,13 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from pydantic import Field
+from pydantic import Field, NonNegativeInt
 
 from apf.errors import InputError
 from apf.settings import settings
 from apf.towers.balanced import balanced_towers
 from apf.towers.blocks import BlockSet, BlockSource
-from apf.towers.features import N_FEATURES, N_POSITION, features, mirrored
+from apf.towers.features import N_FEATURES, N_POSITION, features, mirrored, weighed
 from apf.towers.files import read_blocks, tower_table, write_blocks
 from apf.towers.stability import stands
 from apf.towers.towers import Offset, Towers, random_extensions, random_towers
@@ -35,6 +35,9 @@ class TowerDomain:
     offset: Offset = Field(default_factory=Offset)
     mirror: bool = True
     """Train on mirror images too? What stands, stands in a mirror."""
+    mass_scales: NonNegativeInt = 4
+    """Train on each tower with its masses scaled so many ways, instead of its own? What stands, stands if every block
+    weighs twice as much. 0: its own masses."""
 
     n_features = N_FEATURES
     n_position = N_POSITION
@@ -89,15 +92,23 @@ class TowerDomain:
         return features(plans)
 
     def views(self, plans: Towers) -> Iterator[np.ndarray]:
-        """Features of the plans from all sides from which their labels are the same, the plans' own first.
+        """Features of plans whose labels are the same as these have.
 
-        They are turned by 0, 90, 180, 270 degrees (Section Learning), and each of these is mirrored if `mirror`.
+        They are turned by 0, 90, 180, 270 degrees (Section Learning), each of these is mirrored if `mirror`, and the
+        masses of each are scaled in `mass_scales` ways. The first are the plans' own if there are none.
         """
+        masses = list(self._masses(plans))
         for quarters in range(4):
-            view = features(plans.turned(quarters))
-            yield view
-            if self.mirror:
-                yield mirrored(view)
+            turned = features(plans.turned(quarters))
+            for view in (turned, mirrored(turned)) if self.mirror else (turned,):
+                yield from (weighed(view, mass) for mass in masses) if masses else (view,)
+
+    def _masses(self, plans: Towers) -> Iterator[np.ndarray]:
+        """[N, K] masses in the same proportions [kg], from the lightest to the heaviest that the set's range allows."""
+        lightest, heaviest = plans.blocks.mass.min(), plans.blocks.mass.max()
+        low, high = lightest / plans.mass.min(1, keepdims=True), heaviest / plans.mass.max(1, keepdims=True)
+        for share in np.linspace(0, 1, self.mass_scales):
+            yield plans.mass * low ** (1 - share) * high**share
 
     def feasible(self, plans: Towers) -> np.ndarray:
         """[N] bool: would the plan succeed in a world without noise?"""

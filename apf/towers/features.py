@@ -8,7 +8,9 @@ N_FEATURES = 10
 """Mass, centre of mass (3), sides (3), position (3)."""
 N_POSITION = 3
 """The last features are the position."""
-COM_X, POSITION_X = 1, 7
+MASS, COM_X, POSITION_X = 0, 1, 7
+MEAN_MASS = 0.55
+"""[kg]"""
 LENGTH = 0.1
 """Unit of all lengths [m]: one for all, since a network adds centres of mass to positions."""
 
@@ -16,12 +18,12 @@ LENGTH = 0.1
 def features(towers: Towers) -> np.ndarray:
     """[N, K, N_FEATURES] float32: mass, centre of mass, sides and position after rotation.
 
-    All are of about unit range: lengths in units of 10 cm, sides less 10 cm, masses around 0.55 kg doubled. Positions
+    All are of about unit range: lengths in units of 10 cm, sides less 10 cm, masses less 0.55 kg doubled. Positions
     count from the bottom block: where on the table a tower stands does not matter.
     """
     n, k = towers.block.shape
     x = np.empty((n, k, N_FEATURES), np.float32)
-    x[..., 0] = (towers.mass - 0.55) * 2
+    x[..., MASS] = (towers.mass - MEAN_MASS) * 2
     x[..., 1:4] = towers.com / LENGTH
     x[..., 4:7] = towers.dims / LENGTH - 1
     x[..., 7:9] = (towers.xy - towers.xy[:, :1]) / LENGTH
@@ -34,3 +36,10 @@ def mirrored(x: np.ndarray) -> np.ndarray:
     mirror = x.copy()
     mirror[..., [COM_X, POSITION_X]] *= -1
     return mirror
+
+
+def weighed(x: np.ndarray, mass: np.ndarray) -> np.ndarray:
+    """The features [N, K, N_FEATURES] of the same towers, were the masses of their blocks these [N, K] [kg]."""
+    other = x.copy()
+    other[..., MASS] = (mass - MEAN_MASS) * 2
+    return other

@@ -22,7 +22,7 @@ from apf.worlds import NoisyWorld
 from integration.command_line import SMOKE, TINY, Result, call
 
 REGRET = ["step", "towers", "task", "problem", "world", "value", "best_value", "regret", "feasible"]
-ACCURACY = ["step", "towers", "length", "accuracy", "n"]
+ACCURACY = ["step", "towers", "length", "accuracy", "auc", "n"]
 TASKS = ["tallest", "overhang", "unsupported"]
 WORLDS = ["analytic", "noisy"]
 PLACEMENTS = [
@@ -128,6 +128,7 @@ def test_accuracy_table(smoke: tuple[Path, Result]) -> None:
     assert list(table[["step", "towers", "length"]].itertuples(index=False, name=None)) == expected
     assert (table["n"] == 20).all()
     assert table["accuracy"].between(0, 1).all()
+    assert table["auc"].between(0, 1).all()
     assert np.allclose(table["accuracy"] * 20, (table["accuracy"] * 20).round())
 
 
