@@ -28,9 +28,10 @@ def regret_curves(regret: pd.DataFrame) -> pd.DataFrame:
 
 
 def accuracy_curves(accuracy: pd.DataFrame) -> pd.DataFrame:
-    """Mean, least and greatest over runs: group, length, towers, mean, min, max, runs."""
+    """Mean, least and greatest accuracy over runs, and mean AUC: group, length, towers, mean, min, max, auc, runs."""
     by = accuracy.groupby(["group", "length", "towers"], sort=False)
     curves = by["accuracy"].agg(["mean", "min", "max"])
+    curves["auc"] = by["auc"].mean()
     curves["runs"] = by["run"].nunique()
     return curves.reset_index()
 

@@ -5,15 +5,15 @@ import math
 import torch
 from torch import Tensor, nn
 
-
 GAIN = math.sqrt(2)
 """Weights start so many times as large as in `nn.Linear`. With its own, what a member says of any plan is the same for
 the first hundred updates; some then never leave that plateau."""
 
 
 class EnsembleLinear(nn.Module):
-    """E independent affine maps, one per member. Weights start uniform in +-GAIN/sqrt(fan_in), biases in +-1/sqrt(fan_in).
+    """E independent affine maps, one per member.
 
+    Weights start uniform in +-GAIN/sqrt(fan_in), biases in +-1/sqrt(fan_in).
     fan_in: number of inputs that decides the initial range, where a layer on concatenated inputs is split
     into one `EnsembleLinear` per input; `n_in` by default.
     """

@@ -61,7 +61,7 @@ def test_plot_accuracy(sweep: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: P
     plot(monkeypatch, "accuracy", folder, "--out", tmp_path / "figures" / "curve")
     must_be_pictures(tmp_path / "figures" / "curve")
     drawn = pd.read_csv(tmp_path / "figures" / "curve.csv")
-    assert list(drawn.columns) == ["group", "length", "towers", "mean", "min", "max", "runs"]
+    assert list(drawn.columns) == ["group", "length", "towers", "mean", "min", "max", "auc", "runs"]
     assert len(drawn) == 2 * 2 * 2
     for sampler in ("sequential", "random_ss"):
         values = pd.concat(pd.read_parquet(run / "accuracy.parquet") for run in folder.glob(f"{sampler}-*"))
@@ -72,6 +72,8 @@ def test_plot_accuracy(sweep: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: P
                 assert len(mine) == 2
                 assert np.allclose(row[["mean", "min", "max"]].iloc[0], [mine.mean(), mine.min(), mine.max()])
                 assert row["runs"].iloc[0] == 2
+                aucs = values[(values["length"] == length) & (values["towers"] == towers)]["auc"]
+                assert np.isclose(row["auc"].iloc[0], aucs.mean())
 
 
 @pytest.mark.slow
@@ -255,7 +257,7 @@ def test_find_runs_and_gather(sweep: Path, tmp_path: Path) -> None:
     assert len(runs) == 4
     assert unfinished == []
     table = gather(runs, "accuracy")
-    assert list(table.columns) == ["run", "group", "step", "towers", "length", "accuracy", "n"]
+    assert list(table.columns) == ["run", "group", "step", "towers", "length", "accuracy", "auc", "n"]
     assert table.groupby("group")["run"].nunique().to_dict() == {"sequential": 2, "random_ss": 2}
     with pytest.raises(InputError, match="no finished run"):
         find_runs([tmp_path])
