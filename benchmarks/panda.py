@@ -185,9 +185,9 @@ def plans(out: Path) -> Iterator[Row]:
     yield Row("memory growth from plan 20 to 100", "at most 20 MiB", f"{growth:.1f} MiB", growth <= 20)
 
 
-def resident() -> float:
-    """Memory that this process holds now [MiB]."""
-    pages = int(Path("/proc/self/statm").read_text().split()[1])
+def resident(process: int | str = "self") -> float:
+    """Memory that a process holds now [MiB]."""
+    pages = int(Path(f"/proc/{process}/statm").read_text().split()[1])
     return pages * resource.getpagesize() / 2**20
 
 
@@ -279,7 +279,10 @@ def seconds_of(processes: Sequence[subprocess.Popen]) -> list[float]:
 def experiment(out: Path) -> Iterator[Row]:
     """The paper's experiment, unattended: 400 towers, in a run directory from which the same command goes on."""
     command = ["-m", "apf.main", "world=panda", "sampler=incremental", "tracker=none", f"hydra.run.dir={EXPERIMENT}"]
-    subprocess.run([sys.executable, *command], check=True, env=os.environ | {"OMP_NUM_THREADS": "1"})
+    process = subprocess.Popen([sys.executable, *command], env=os.environ | {"OMP_NUM_THREADS": "1"})
+    memory = memory_while(process, EXPERIMENT / "journal.jsonl")
+    if process.returncode:
+        raise subprocess.CalledProcessError(process.returncode, command)
     hours = read_yaml(EXPERIMENT / "run.yaml")["seconds"] / 3600
     table, towers = (pd.read_parquet(EXPERIMENT / f"{name}.parquet") for name in ("world", "towers"))
     helped, built = int((table["purpose"] == "intervention").sum()), int(towers[towers["step"] > 0]["tower"].nunique())
@@ -287,6 +290,22 @@ def experiment(out: Path) -> Iterator[Row]:
     yield Row("400-tower experiment: wall time", "at most 3 h", f"{hours:.2f} h", hours <= 3)
     name = "400-tower experiment: interventions in 100 towers"
     yield Row(name, "at most 1", f"{share:.2f} ({helped} in {built} built by the robot)", share <= 1)
+    size = memory["journal"] / memory["journal"].max()
+    early, late = (memory[size.between(*part)]["memory"].median() for part in ((0.25, 0.5), (0.75, 1.0)))
+    name = "400-tower experiment: median memory in its last quarter, against its second"
+    yield Row(name, "at most 20 MiB more", f"{late - early:+.1f} MiB of {late:.0f} MiB", late - early <= 20)
+
+
+def memory_while(process: subprocess.Popen, journal: Path) -> pd.DataFrame:
+    """Resident memory [MiB] and the journal's size [bytes], every five seconds until the process ends."""
+    samples = []
+    while True:
+        try:
+            process.wait(timeout=5)
+            return pd.DataFrame(samples, columns=["memory", "journal"])
+        except subprocess.TimeoutExpired:
+            if journal.exists():
+                samples.append((resident(process.pid), journal.stat().st_size))
 
 
 MEASUREMENTS: dict[str, Callable[[Path], Iterator[Row]]] = {
