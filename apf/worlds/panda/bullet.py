@@ -31,6 +31,23 @@ with _silent():
     import pybullet
     from pybullet_utils.bullet_client import BulletClient
 
+EXTRAS = (
+    pybullet.COV_ENABLE_SHADOWS,
+    pybullet.COV_ENABLE_GUI,
+    pybullet.COV_ENABLE_RGB_BUFFER_PREVIEW,
+    pybullet.COV_ENABLE_DEPTH_BUFFER_PREVIEW,
+    pybullet.COV_ENABLE_SEGMENTATION_MARK_PREVIEW,
+)
+"""What a window has besides the scene."""
+
+VIEW = {
+    "cameraTargetPosition": (0.22, 0.0, 0.25),
+    "cameraDistance": 1.55,
+    "cameraYaw": 52.0,
+    "cameraPitch": -26.0,
+}
+"""Where a window looks from at first [m, deg]: as films do by default."""
+
 
 def connect(gui: bool = False) -> Any:
     """A new client, with a window or without; its attributes are PyBullet's functions and constants.
@@ -40,7 +57,12 @@ def connect(gui: bool = False) -> Any:
     if gui and sys.platform == "linux" and not os.environ.get("DISPLAY"):
         raise InputError("gui=true needs a display (DISPLAY is not set)")
     with _silent():
-        return BulletClient(pybullet.GUI if gui else pybullet.DIRECT)
+        client = BulletClient(pybullet.GUI if gui else pybullet.DIRECT)
+        if gui:  # physics waits for every picture: leave out what makes them slow, and what shows nothing here
+            for extra in EXTRAS:
+                client.configureDebugVisualizer(extra, 0)
+            client.resetDebugVisualizerCamera(**VIEW)
+        return client
 
 
 __all__ = ["connect", "pybullet"]
