@@ -22,9 +22,6 @@ class Oracle(Predictor):
     def feasibility(self, plans: Towers, rng: np.random.Generator | None = None) -> np.ndarray:
         return self.says(stands(plans))
 
-    def last_feasibility(self, plans: Towers, members: slice = slice(None)) -> np.ndarray:
-        raise NotImplementedError
-
 
 @pytest.fixture
 def evaluator(domain: TowerDomain) -> Evaluator:

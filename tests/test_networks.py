@@ -6,7 +6,7 @@ import pytest
 import torch
 from torch import nn
 
-from apf.models import EnsembleNetwork, FullyConnectedGraphNetwork, LSTMNetwork, TowersGraphNetwork
+from apf.models import EnsembleLinear, EnsembleNetwork, FullyConnectedGraphNetwork, LSTMNetwork, TowersGraphNetwork
 from apf.models.graph import prefix_graph
 
 MEMBERS, F, D, H = 3, 10, 3, 8
@@ -45,6 +45,16 @@ def test_each_prefix_is_judged_as_if_it_were_the_whole_plan(name: str) -> None:
     every_prefix = network(x)
     for length in range(2, 7):
         torch.testing.assert_close(network(x[:, :, :length], whole=True)[..., 0], every_prefix[..., length - 2])
+
+
+def test_weights_start_larger_than_torchs_own_and_biases_do_not() -> None:
+    layer = EnsembleLinear(members=2, n_in=100, n_out=50)
+    for member in range(2):
+        layer.reset(member, torch.Generator().manual_seed(member))
+    assert layer.bias is not None
+    for parameter, bound in ((layer.weight, 0.1 * 2**0.5), (layer.bias, 0.1)):  # 1 / sqrt(100) in torch
+        assert parameter.abs().max().item() == pytest.approx(bound, rel=0.1)
+        assert parameter.abs().max() <= bound
 
 
 @pytest.mark.parametrize("name", NETWORKS)
