@@ -1,10 +1,12 @@
 """The task level: which actions in which order."""
 
+import gc
 import logging
 import subprocess
 import sys
 
 import pytest
+from unified_planning.model import FNode, Object
 
 from apf.worlds.panda.tasks import Action, Fact, solve
 
@@ -53,6 +55,14 @@ def test_the_terminal_stays_quiet(capfd: pytest.CaptureFixture) -> None:
     solve(0, NOW, GOAL, [], [Fact(0, NOW, 7), Fact(0, GOAL, 7)])
     assert logging.getLogger().handlers == before
     assert capfd.readouterr() == ("", "")
+
+
+def test_nothing_is_left_of_a_problem() -> None:
+    """unified-planning's common environment would keep every expression: a robot that works for days would run out."""
+    for grasp in range(3):
+        solve(0, NOW, GOAL, [], [Fact(0, NOW, grasp), Fact(0, GOAL, grasp)])
+    gc.collect()
+    assert not [left for left in gc.get_objects() if isinstance(left, (Object, FNode))]
 
 
 def test_every_process_finds_the_same_plan() -> None:

@@ -15,13 +15,11 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 
-from unified_planning.environment import get_environment
-from unified_planning.model import Fluent, InstantaneousAction, Object, Problem
-from unified_planning.shortcuts import BoolType, OneshotPlanner, UserType
+from unified_planning.environment import Environment
+from unified_planning.model import Fluent, InstantaneousAction, Object, Problem, Type
 
-get_environment().credits_stream = None
-
-BLOCK, POSE, GRASP, JOINTS = (UserType(name) for name in ("block", "pose", "grasp", "joints"))
+BLOCK, POSE, GRASP, JOINTS = "block", "pose", "grasp", "joints"
+"""Types of objects."""
 BEFORE, ABOVE = "before", "above"
 
 
@@ -55,15 +53,26 @@ def _no_log() -> Iterator[None]:
 
 
 def _domain() -> Problem:
-    at = Fluent("at", BoolType(), q=JOINTS)
-    empty = Fluent("empty", BoolType())
-    holding = Fluent("holding", BoolType(), b=BLOCK, g=GRASP)
-    lies = Fluent("lies", BoolType(), b=BLOCK, p=POSE)
-    reach = Fluent("reach", BoolType(), b=BLOCK, p=POSE, g=GRASP, before=JOINTS, above=JOINTS)
-    spot, pedestal = (Fluent(name, BoolType(), p=POSE) for name in ("spot", "pedestal"))
+    """The actions, without objects, in an environment of their own: that keeps every expression ever made in it."""
+    environment = Environment()
+    environment.credits_stream = None
+    types = environment.type_manager
 
-    free = InstantaneousAction("move-free", a=JOINTS, b=JOINTS)
-    carry = InstantaneousAction("move-holding", k=BLOCK, g=GRASP, a=JOINTS, b=JOINTS)
+    def fluent(name: str, **of: str) -> Fluent:
+        return Fluent(name, types.BoolType(), environment=environment, **_typed(environment, of))
+
+    def action_of(name: str, **of: str) -> InstantaneousAction:
+        return InstantaneousAction(name, _env=environment, **_typed(environment, of))
+
+    at = fluent("at", q=JOINTS)
+    empty = fluent("empty")
+    holding = fluent("holding", b=BLOCK, g=GRASP)
+    lies = fluent("lies", b=BLOCK, p=POSE)
+    reach = fluent("reach", b=BLOCK, p=POSE, g=GRASP, before=JOINTS, above=JOINTS)
+    spot, pedestal = (fluent(name, p=POSE) for name in ("spot", "pedestal"))
+
+    free = action_of("move-free", a=JOINTS, b=JOINTS)
+    carry = action_of("move-holding", k=BLOCK, g=GRASP, a=JOINTS, b=JOINTS)
     free.add_precondition(empty())
     carry.add_precondition(holding(carry.parameter("k"), carry.parameter("g")))
     for move in (free, carry):
@@ -74,7 +83,7 @@ def _domain() -> Problem:
 
     actions = [free, carry]
     for name, kind in (("pick", None), ("place", spot), ("regrasp", pedestal)):
-        action = InstantaneousAction(name, k=BLOCK, p=POSE, g=GRASP, before=JOINTS, above=JOINTS)
+        action = action_of(name, k=BLOCK, p=POSE, g=GRASP, before=JOINTS, above=JOINTS)
         k, p, g, before, above = action.parameters
         action.add_precondition(reach(k, p, g, before, above))
         first, last = (before, above) if kind is None else (above, before)
@@ -92,13 +101,15 @@ def _domain() -> Problem:
         action.add_effect(empty(), not picks)
         action.add_effect(lies(k, p), not picks)
         actions.append(action)
-    problem = Problem("stack", initial_defaults={BoolType(): False})
+    problem = Problem("stack", environment, initial_defaults={types.BoolType(): False})
     problem.add_fluents([at, empty, holding, lies, reach, spot, pedestal])
     problem.add_actions(actions)
     return problem
 
 
-_DOMAIN = _domain()
+def _typed(environment: Environment, names: dict[str, str]) -> dict[str, Type]:
+    """Parameters with the types of these names."""
+    return {parameter: environment.type_manager.UserType(name) for parameter, name in names.items()}
 
 
 def solve(block: int, now: str, goal: str, pedestal: Sequence[str], facts: Sequence[Fact]) -> list[Action] | None:
@@ -107,13 +118,14 @@ def solve(block: int, now: str, goal: str, pedestal: Sequence[str], facts: Seque
     pedestal: which named poses are on the pedestal. Of several shortest plans any may be answered, and not the same
     one in every process; facts that allow a single one make it certain.
     """
-    problem = _DOMAIN.clone()
+    problem = _domain()
+    factory, types = problem.environment.factory, problem.environment.type_manager
     fluent = {f.name: f for f in problem.fluents}
     objects: dict[str, Object] = {}
 
-    def named(name: str, kind: object) -> Object:
+    def named(name: str, kind: str) -> Object:
         if name not in objects:
-            objects[name] = problem.add_object(name, kind)
+            objects[name] = problem.add_object(name, types.UserType(kind))
         return objects[name]
 
     cube, hand = named(f"b{block}", BLOCK), named("start", JOINTS)
@@ -132,7 +144,10 @@ def solve(block: int, now: str, goal: str, pedestal: Sequence[str], facts: Seque
             fluent["reach"](cube, named(fact.pose, POSE), named(f"g{fact.grasp}", GRASP), *joints), True
         )
     problem.add_goal(fluent["lies"](cube, objects[goal]))
-    with _no_log(), OneshotPlanner(name="pyperplan", params={"search": "bfs"}) as planner:  # bfs: a shortest plan
+    with (
+        _no_log(),
+        factory.OneshotPlanner(name="pyperplan", params={"search": "bfs"}) as planner,
+    ):  # bfs: a shortest plan
         plan = planner.solve(problem).plan
     if plan is None:
         return None
