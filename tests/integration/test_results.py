@@ -10,6 +10,7 @@ RESULTS = REPOSITORY / "results"
 ANALYSES = {
     "regret.csv": ("plot_regret.py", "strategies", "baselines", "--out", "regret"),
     "accuracy.csv": ("plot_accuracy.py", "strategies", "baselines", "--out", "accuracy"),
+    "architectures.csv": ("plot_accuracy.py", "architectures", "--out", "architectures"),
     "regret_table.csv": ("table_regret.py", "strategies", "baselines", "predictors", "--out", "regret_table.csv"),
     "claims.csv": ("claims.py", ".", "--notes", RESULTS / "notes.yaml", "--out", "claims.csv"),
 }
