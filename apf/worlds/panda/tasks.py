@@ -58,11 +58,14 @@ def _domain() -> Problem:
     environment.credits_stream = None
     types = environment.type_manager
 
-    def fluent(name: str, **of: str) -> Fluent:
-        return Fluent(name, types.BoolType(), environment=environment, **_typed(environment, of))
+    def typed(parameters: dict[str, str]) -> dict[str, Type]:
+        return {name: types.UserType(kind) for name, kind in parameters.items()}
 
-    def action_of(name: str, **of: str) -> InstantaneousAction:
-        return InstantaneousAction(name, _env=environment, **_typed(environment, of))
+    def fluent(name: str, **parameters: str) -> Fluent:
+        return Fluent(name, types.BoolType(), environment=environment, **typed(parameters))
+
+    def action_of(name: str, **parameters: str) -> InstantaneousAction:
+        return InstantaneousAction(name, _env=environment, **typed(parameters))
 
     at = fluent("at", q=JOINTS)
     empty = fluent("empty")
@@ -107,11 +110,6 @@ def _domain() -> Problem:
     return problem
 
 
-def _typed(environment: Environment, names: dict[str, str]) -> dict[str, Type]:
-    """Parameters with the types of these names."""
-    return {parameter: environment.type_manager.UserType(name) for parameter, name in names.items()}
-
-
 def solve(block: int, now: str, goal: str, pedestal: Sequence[str], facts: Sequence[Fact]) -> list[Action] | None:
     """The actions that bring a block from the pose named `now` to the one named `goal`; None: the facts do not suffice.
 
@@ -144,10 +142,8 @@ def solve(block: int, now: str, goal: str, pedestal: Sequence[str], facts: Seque
             fluent["reach"](cube, named(fact.pose, POSE), named(f"g{fact.grasp}", GRASP), *joints), True
         )
     problem.add_goal(fluent["lies"](cube, objects[goal]))
-    with (
-        _no_log(),
-        factory.OneshotPlanner(name="pyperplan", params={"search": "bfs"}) as planner,
-    ):  # bfs: a shortest plan
+    shortest = {"search": "bfs"}
+    with _no_log(), factory.OneshotPlanner(name="pyperplan", params=shortest) as planner:
         plan = planner.solve(problem).plan
     if plan is None:
         return None
