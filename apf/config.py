@@ -13,7 +13,7 @@ from hydra.core.hydra_config import HydraConfig
 from hydra.errors import InstantiationException
 from hydra.utils import instantiate
 from omegaconf import DictConfig, OmegaConf
-from pydantic import NonNegativeInt, PositiveInt
+from pydantic import NonNegativeInt, PositiveFloat, PositiveInt
 
 from apf.acquisition import Sampler
 from apf.errors import InputError
@@ -43,6 +43,9 @@ def config_dir() -> str:
 @settings
 class Learned:
     """Stands for the ensemble that the run itself trains."""
+
+    odds: PositiveFloat
+    """What the odds of each placement are multiplied by when plans are judged; what to try next is chosen without."""
 
 
 @settings

@@ -86,7 +86,8 @@ def make_model(cfg: DictConfig, config: Config) -> Ensemble:
     """The untrained ensemble. Raises InputError if the device or a setting of the network is wrong."""
     try:
         device = pick_device(config.device)
-        return Ensemble(config.model, config.sampler.kind, config.domain, config.training, device)
+        odds = config.predictor.odds if isinstance(config.predictor, Learned) else 1.0
+        return Ensemble(config.model, config.sampler.kind, config.domain, config.training, device, odds)
     except pydantic.ValidationError as error:
         raise InputError(describe(error, "model.network", cfg)) from None
     except (RuntimeError, AssertionError) as error:

@@ -81,6 +81,7 @@ class Setting:
             f"training.updates={self.sizes.updates}",
             "domain.mirror=false",  # the reference has the four sides alone,
             "domain.mass_scales=0",  # with their own masses
+            "predictor.odds=1",  # and what the members say, as it is
             f"sampler.candidates.n={self.sizes.candidates}",
             f"planner.candidates={self.sizes.plan_candidates}",
             "tracker=none",

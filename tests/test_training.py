@@ -25,9 +25,9 @@ def labelled(length: int, n: int, seed: int) -> Labelled:
     return Labelled(plans, AnalyticWorld().execute(plans, np.random.default_rng(0)))
 
 
-def ensemble(kind: Kind = Kind.SUBSEQUENCE, members: int = 3, **training: float) -> Ensemble:
+def ensemble(kind: Kind = Kind.SUBSEQUENCE, members: int = 3, odds: float = 1.0, **training: float) -> Ensemble:
     settings = EnsembleSettings(members=members, network=partial(TowersGraphNetwork, hidden=16))
-    return Ensemble(settings, kind, DOMAIN, Training(**({"updates": 20} | training)), torch.device("cpu"))
+    return Ensemble(settings, kind, DOMAIN, Training(**({"updates": 20} | training)), torch.device("cpu"), odds)
 
 
 def test_a_subsequence_model_learns_from_every_attempted_prefix() -> None:
@@ -223,6 +223,20 @@ def test_a_plans_feasibility_is_the_product_of_the_members_means() -> None:
     for length in (2, 3, 4):
         last = model.last_feasibility(plans.prefix(length))
         np.testing.assert_allclose(last, p.mean(0)[:, length - 2], rtol=1e-5)
+
+
+@pytest.mark.parametrize(("kind", "outputs"), [(Kind.SUBSEQUENCE, 3), (Kind.COMPLETE, 1)])
+def test_plans_are_judged_with_their_odds_multiplied_and_chosen_without(kind: Kind, outputs: int) -> None:
+    plans = DOMAIN.random_plans(4, 50, np.random.default_rng(3))
+    plain, raised = ensemble(kind), ensemble(kind, odds=3)
+    for model in (plain, raised):
+        model.fit([labelled(3, 30, 1)], [], np.random.default_rng(0))
+    p = plain.predict(plans)
+    np.testing.assert_array_equal(raised.predict(plans), p)
+    three_times = 3 * p / (1 - p) / (1 + 3 * p / (1 - p))
+    assert three_times.shape == (3, 50, outputs)
+    np.testing.assert_allclose(raised.feasibility(plans), three_times.mean(0).prod(1))
+    np.testing.assert_allclose(raised.last_feasibility(plans), three_times.mean(0)[:, -1], rtol=1e-5)
 
 
 def test_a_complete_model_has_one_probability_and_no_prefixes() -> None:

@@ -42,13 +42,21 @@ class Ensemble(Predictor):
     """
 
     def __init__(
-        self, settings: EnsembleSettings, kind: Kind, domain: Domain, training: Training, device: torch.device
+        self,
+        settings: EnsembleSettings,
+        kind: Kind,
+        domain: Domain,
+        training: Training,
+        device: torch.device,
+        odds: float = 1.0,
     ) -> None:
+        """odds: what the odds of success are multiplied by in judging plans, `feasibility` and `last_feasibility`."""
         self.members = settings.members
         self.kind = kind
         self.by_prefix = kind is Kind.SUBSEQUENCE
         self.domain = domain
         self.training = training
+        self.odds = odds
         self.device = device
         sizes = {"n_features": domain.n_features, "n_position": domain.n_position}
         self.network = settings.network(members=settings.members, **sizes).to(device)
@@ -81,13 +89,13 @@ class Ensemble(Predictor):
 
         Under Theta_ss that is eq. (theta-ss); the first placement is feasible by assumption. Draws nothing.
         """
-        return self.predict(plans).mean(0).prod(1)
+        return self._predict(plans, whole=self.kind is Kind.COMPLETE, odds=self.odds).mean(0).prod(1)
 
     def last_feasibility(self, plans: Any, members: slice = slice(None)) -> np.ndarray:
         """[N] mean over these members: probability that the last placement succeeds, given that those before it did
         (Theta_ss), or that the whole plan does (Theta_comp).
         """
-        return self._predict(plans, whole=True, members=members).mean(0)[:, 0]
+        return self._predict(plans, whole=True, members=members, odds=self.odds).mean(0)[:, 0]
 
     def save(self, path: Path) -> None:
         """Write the weights as safetensors. Raises OSError if that cannot be done."""
@@ -101,8 +109,8 @@ class Ensemble(Predictor):
         self.network.load_state_dict(load_file(path, device=str(self.device)))
 
     @torch.inference_mode()
-    def _predict(self, plans: Any, whole: bool, members: slice = slice(None)) -> np.ndarray:
-        """[members, N, K - 1], or [members, N, 1] if `whole`.
+    def _predict(self, plans: Any, whole: bool, members: slice = slice(None), odds: float = 1.0) -> np.ndarray:
+        """[members, N, K - 1], or [members, N, 1] if `whole`; each probability with its odds multiplied.
 
         Few plans are shown to all of these members together, many to one after another, in chunks that keep
         activations in the cache.
@@ -122,7 +130,7 @@ class Ensemble(Predictor):
                 weight.data = stack.data[group.start : group.stop]
             for part, out in zip(x.split(size), of_group.split(size, 1), strict=True):
                 out.copy_(self._some(part.expand(len(group), *part.shape), whole))
-        return torch.sigmoid(logits).cpu().numpy()
+        return torch.sigmoid(logits + math.log(odds)).cpu().numpy()
 
 
 def pick_device(name: str) -> torch.device:
