@@ -13,9 +13,9 @@ from hydra.errors import HydraException, MissingConfigException
 from hydra.experimental.callback import Callback
 from hydra.types import RunMode
 from omegaconf import DictConfig
-from omegaconf.errors import OmegaConfBaseException
+from omegaconf.errors import ConfigAttributeError, ConfigKeyError, OmegaConfBaseException
 
-from apf.config import config_dir
+from apf.config import config_dir, no_such_key
 from apf.errors import InputError, Stopped
 from apf.interrupts import Interrupted, end_with_parent, watch_signals
 
@@ -111,6 +111,9 @@ def one_line(error: BaseException) -> str:
     """The message of an exception, folded into one line, with the config key that it is about."""
     if isinstance(error, OSError) and error.strerror:
         return f"{error.filename}: {error.strerror}"
+    cause = error.__cause__
+    if isinstance(error, HydraException) and isinstance(cause, ConfigAttributeError | ConfigKeyError):
+        return no_such_key(str(cause.full_key), cause.parent_node)
     message = str(error).partition("\nConfig search path:")[0]
     if isinstance(error, MissingConfigException) and error.missing_cfg_file and not error.options:
         if "submitit" in error.missing_cfg_file:

@@ -125,6 +125,15 @@ def build(cfg: DictConfig, schema: type) -> Any:
         raise InputError(f"{key}: {reason}") from None
 
 
+def no_such_key(where: str, node: DictConfig | None) -> str:
+    """One line on a key that is unknown in its part of a config: the one that was meant, or all that there are."""
+    key = where.rpartition(".")[2]
+    known = [str(k) for k in node or () if str(k) not in (key, "_target_", "_partial_", "hydra")]
+    close = difflib.get_close_matches(key, known, n=1)
+    hint = f"did you mean {close[0]}?" if close else f"known here: {', '.join(known) or 'nothing'}"
+    return f"{where}: there is no such key; {hint}"
+
+
 def describe(error: pydantic.ValidationError, key: str, cfg: DictConfig) -> str:
     """One line on the first thing that is wrong: its key, its value, and what would be right."""
     first = error.errors()[0]
@@ -132,10 +141,7 @@ def describe(error: pydantic.ValidationError, key: str, cfg: DictConfig) -> str:
     where = ".".join([key, *parts] if key else parts)
     if first["type"] in ("unexpected_keyword_argument", "extra_forbidden"):
         node = OmegaConf.select(cfg, where.rpartition(".")[0]) if "." in where else cfg
-        known = [str(k) for k in (node or {}) if str(k) not in (parts[-1], "_target_", "_partial_", "hydra")]
-        close = difflib.get_close_matches(parts[-1], known, n=1)
-        hint = f"did you mean {close[0]}?" if close else f"known here: {', '.join(known) or 'nothing'}"
-        return f"{where}: there is no such key; {hint}"
+        return no_such_key(where, node)
     if first["type"] in ("missing", "missing_argument", "missing_keyword_only_argument"):
         return f"{where} is missing; give it as {where}=..."
     reason = first["msg"].removeprefix("Value error, ").replace("Input should be", "it should be")

@@ -137,6 +137,19 @@ def test_unknown_key(here: Path, override: str, key: str) -> None:
     refused(here, override, words=(key,))
 
 
+@pytest.mark.parametrize(
+    ("override", "hint"),
+    [
+        ("training.update=1", "training.update: there is no such key; did you mean updates?"),
+        ("trainin.updates=1", "trainin: there is no such key; did you mean training?"),
+        ("+predictor.odd=1", "predictor.odd: there is no such key; did you mean odds?"),
+        ("evaluation.worlds.moon=1", "evaluation.worlds.moon: there is no such key; known here: analytic, noisy"),
+    ],
+)
+def test_a_mistyped_key_is_told_what_was_meant(here: Path, override: str, hint: str) -> None:
+    assert refused(here, override, words=()) == f"error: {hint}"
+
+
 @pytest.mark.parametrize(("override", "key"), OUT_OF_RANGE)
 def test_out_of_range(here: Path, override: str, key: str) -> None:
     refused(here, override, words=(key,))
