@@ -73,7 +73,10 @@ def save(figure: "Figure", table: pd.DataFrame, stem: Path) -> list[Path]:
 def _panels(
     rows: Mapping[str, pd.DataFrame], column: str, titles: Mapping[Any, str], lines: tuple[str, str, str]
 ) -> tuple["Figure", list["Axes"]]:
-    """Rows of panels over the number of labelled towers, one line with its band for each group."""
+    """Rows of panels over the number of labelled towers, one line with its band for each group.
+
+    A single row of many panels is broken into two.
+    """
     import matplotlib as mpl
 
     if mpl.get_backend().lower() != "agg":
@@ -90,13 +93,17 @@ def _panels(
     with sns.axes_style("ticks", {"axes.grid": True, "grid.color": "0.92"}), mpl.rc_context(style):
         width, height = PANEL
         legend_rows = -(-len(groups) // 6) if len(groups) > 1 else 0
-        size = (width * len(titles) + 0.3, height * len(rows) + 0.2 * legend_rows)
-        figure, grid = plt.subplots(
-            len(rows), len(titles), figsize=size, sharex=True, sharey=True, squeeze=False, layout="constrained"
-        )
-        panels = list(grid.flat)
         cells = [(quantity, curves, value) for quantity, curves in rows.items() for value in titles]
-        for (quantity, curves, value), axes in zip(cells, panels, strict=True):
+        columns = -(-len(titles) // 2) if len(rows) == 1 and len(titles) > 4 else len(titles)
+        depth = -(-len(cells) // columns)
+        size = (width * columns + 0.3, height * depth + 0.2 * legend_rows)
+        figure, grid = plt.subplots(
+            depth, columns, figsize=size, sharex=True, sharey=True, squeeze=False, layout="constrained"
+        )
+        panels = list(grid.flat)[: len(cells)]
+        for spare in grid.flat[len(cells) :]:
+            spare.remove()
+        for number, ((quantity, curves, value), axes) in enumerate(zip(cells, panels, strict=True)):
             for group in groups:
                 line = curves[(curves[column] == value) & (curves["group"] == group)].sort_values("towers")
                 marker = MARKERS[groups.index(group) % len(MARKERS)] if len(line) < 15 else None
@@ -106,10 +113,11 @@ def _panels(
                 axes.fill_between(line["towers"], line[low], line[high], color=colours[group], alpha=shade, linewidth=0)
                 if outlined:
                     axes.plot(line["towers"], line[[low, high]], color=colours[group], linewidth=0.6, linestyle=":")
-            if axes in grid[0]:
+            if number < len(titles):
                 axes.set_title(titles[value])
-            if axes in grid[-1]:
+            if number >= len(cells) - columns:
                 axes.set_xlabel("Labelled towers")
+                axes.tick_params(labelbottom=True)
             if axes in grid[:, 0]:
                 axes.set_ylabel(quantity)
         sns.despine(figure)
