@@ -8,10 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from torch import nn
 
 from apf.data import Kind, Labelled, examples
 from apf.models import Ensemble, EnsembleNetwork, EnsembleSettings, LSTMNetwork, TowersGraphNetwork, Training
 from apf.models import training as training_module
+from apf.models.optimiser import AdamW
 from apf.models.training import CHECK, _batches, batches_of, fit, validation_loss
 from apf.towers import TowerDomain, Towers, random_towers, standing_prefixes
 from apf.towers.features import features, mirrored, weighed
@@ -148,11 +150,7 @@ def test_of_no_plans_nothing_is_said() -> None:
 def test_the_learning_rate_rises_to_its_value(warmup: int, rates: list[float], monkeypatch: pytest.MonkeyPatch) -> None:
     seen: list[float] = []
 
-    def note(network: EnsembleNetwork, x: object, y: object, optimiser: torch.optim.Optimizer) -> torch.Tensor:
-        seen.append(optimiser.param_groups[0]["lr"])
-        return torch.zeros(3)
-
-    monkeypatch.setattr(training_module, "_update", note)
+    monkeypatch.setattr(AdamW, "step", lambda self, learning_rate: seen.append(learning_rate))
     model = ensemble(learning_rate=0.2, warmup=warmup, updates=6)
     model.fit([labelled(2, 20, 1)], [], np.random.default_rng(0))
     assert seen == pytest.approx([0.2 * rate for rate in rates])
@@ -161,12 +159,10 @@ def test_the_learning_rate_rises_to_its_value(warmup: int, rates: list[float], m
 def test_what_is_kept_is_a_running_mean_of_the_weights(monkeypatch: pytest.MonkeyPatch) -> None:
     """Without the losses: each update is made to add 1 to every weight."""
 
-    def add_one(network: EnsembleNetwork, x: object, y: object, optimiser: torch.optim.Optimizer) -> torch.Tensor:
-        (weights,) = optimiser.param_groups[0]["params"]
-        weights.data += 1
-        return torch.zeros(len(network.split(weights)[0]))
+    def add_one(optimiser: AdamW, learning_rate: float) -> None:
+        optimiser.weights.data += 1
 
-    monkeypatch.setattr(training_module, "_update", add_one)
+    monkeypatch.setattr(AdamW, "step", add_one)
     group = examples([labelled(2, 20, 1)], Kind.SUBSEQUENCE, DOMAIN)
     for averaging, updates in ((0.0, 7), (0.5, 3), (0.5, 30)):
         model = ensemble(members=2, averaging=averaging, updates=updates)
@@ -180,6 +176,19 @@ def test_what_is_kept_is_a_running_mean_of_the_weights(monkeypatch: pytest.Monke
             kept = share * kept + (1 - share) * update
         for before, after in zip(starts, model.network.parameters(), strict=True):
             torch.testing.assert_close(after.detach(), before + kept)
+
+
+def test_the_optimiser_is_pytorchs() -> None:
+    generator = torch.Generator().manual_seed(0)
+    start, gradients = torch.randn(50, generator=generator), torch.randn(20, 50, generator=generator)
+    ours, theirs = nn.Parameter(start.clone()), nn.Parameter(start.clone())
+    optimiser, reference = AdamW(ours, 0.3), torch.optim.AdamW([theirs], weight_decay=0.3, fused=True)
+    for update, gradient in enumerate(gradients, 1):
+        ours.grad, theirs.grad = gradient.clone(), gradient.clone()
+        reference.param_groups[0]["lr"] = 0.01 * update
+        reference.step()
+        optimiser.step(0.01 * update)
+        assert torch.equal(ours, theirs) and not ours.grad.any()
 
 
 def test_members_train_the_same_alone_and_together() -> None:

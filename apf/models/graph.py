@@ -13,9 +13,12 @@ from pathlib import Path
 import torch
 from pydantic import PositiveInt, validate_call
 from torch import Tensor
-from torch_geometric.nn import MessagePassing
 
+from apf.imports import put_off
 from apf.models.layers import EnsembleLinear, EnsembleNetwork
+
+with put_off("torch._dynamo"):  # the compiler: two of five seconds of a start
+    from torch_geometric.nn import MessagePassing
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,6 +15,7 @@ from torch.nn.utils import parameters_to_vector
 
 from apf.data import Examples
 from apf.models.layers import EnsembleNetwork
+from apf.models.optimiser import AdamW
 from apf.settings import settings
 
 CHECK = 50
@@ -91,15 +92,15 @@ def fit(
     weights = nn.Parameter(parameters_to_vector(network.parameters()))
     network.use(weights)
     decay = training.weight_decay / plans
-    optimiser = torch.optim.AdamW([weights], lr=training.learning_rate, weight_decay=decay, fused=True)
+    optimiser = AdamW(weights, decay)
     mean, kept_weights = weights.detach().clone(), torch.empty_like(weights)
     lowest, kept = torch.full((members,), torch.inf), torch.zeros(members, dtype=torch.long)
     losses: list[np.ndarray] = []
     train_loss, labels = torch.zeros(members, device=device), 0
     batches = _batches(train_groups, training.batch, generators, turns)
     for update, (x, y, rows) in enumerate(islice(batches, training.updates), 1):
-        optimiser.param_groups[0]["lr"] = training.learning_rate * min(1.0, update / max(1, training.warmup))
-        train_loss += _update(network, x[rows], y[rows], optimiser)
+        train_loss += _gradients(network, x[rows], y[rows])
+        optimiser.step(training.learning_rate * min(1.0, update / max(1, training.warmup)))
         labels += rows.shape[1] * y.shape[1]
         mean.lerp_(weights.detach(), 1 - min(training.averaging, update / (update + 9)))
         if update % CHECK == 0 or update == training.updates:
@@ -139,12 +140,10 @@ def validation_loss(network: EnsembleNetwork, members: int, groups: Sequence[Gro
     return torch.as_tensor(total) / sum(y.numel() for _, y in groups)
 
 
-def _update(network: EnsembleNetwork, x: Tensor, y: Tensor, optimiser: torch.optim.Optimizer) -> Tensor:
-    """One step on a batch x [E, B, K, F], y [E, B, P]. Returns the summed loss of each member [E]."""
-    optimiser.zero_grad(set_to_none=False)
+def _gradients(network: EnsembleNetwork, x: Tensor, y: Tensor) -> Tensor:
+    """Gradients of a batch x [E, B, K, F], y [E, B, P]. Returns the summed loss of each member [E]."""
     loss = _loss(network, x, y)
     (loss.sum() / y[0].numel()).backward()  # members share no weights: each learns from its own
-    optimiser.step()
     return loss.detach()
 
 
