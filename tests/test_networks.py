@@ -102,14 +102,23 @@ def test_graph_networks_compute_what_their_description_says(name: str, both_ways
     torch.testing.assert_close(network(x, whole=True)[0, 0, 0], expected)
 
 
+@pytest.mark.parametrize("name", ["tgn", "fcgn", "lstm"])
+@pytest.mark.parametrize("whole", [False, True])
+def test_all_members_see_the_same_plans_as_each_would_its_own(name: str, whole: bool) -> None:
+    network, x = make(name), torch.randn(1, 5, 4, F)
+    same = network.logits_of(network.prepare(x, whole))
+    assert torch.equal(same, network(x.expand(MEMBERS, -1, -1, -1), whole))
+
+
 @pytest.mark.parametrize(("name", "heard"), [("tgn", False), ("fcgn", True)])
 def test_in_tgn_no_block_hears_from_the_bottom_one(name: str, heard: bool) -> None:
-    x = torch.randn(1, 3, 1, F)  # [E, K, N, F]
+    x = torch.randn(1, 1, 3, F)
     changed = x.clone()
     changed[0, 0, 0, :D] += 1
     graph = prefix_graph(3, name == "fcgn", True, x.device)
-    messages = make(name, members=1).messages
-    before, after = (messages(v, graph)[:, graph.block > 0] for v in (x, changed))
+    network = make(name, members=1)
+    pairs = (network.prepare(v, whole=True).pairs for v in (x, changed))
+    before, after = (network.messages(p, graph)[:, graph.block > 0] for p in pairs)
     assert torch.allclose(before, after) is not heard
 
 

@@ -112,8 +112,8 @@ class Ensemble(Predictor):
     def _predict(self, plans: Any, whole: bool, members: slice = slice(None), odds: float = 1.0) -> np.ndarray:
         """[members, N, K - 1], or [members, N, 1] if `whole`; each probability with its odds multiplied.
 
-        Few plans are shown to all of these members together, many to one after another, in chunks that keep
-        activations in the cache.
+        Few plans are shown to all of these members together; many in chunks that keep activations in the cache, each to
+        one member after another.
         """
         x = torch.from_numpy(self.domain.features(plans)).to(self.device)
         pairs = math.comb(plans.length, 2)
@@ -125,11 +125,12 @@ class Ensemble(Predictor):
         logits = torch.empty(len(asked), len(plans), outputs, dtype=torch.float64, device=self.device)
         if not len(plans):
             return logits.numpy(force=True)
-        for group, of_group in zip(groups, logits.split(len(groups[0])), strict=True):
-            for weight, stack in zip(self._some.parameters(), self.network.parameters(), strict=True):
-                weight.data = stack.data[group.start : group.stop]
-            for part, out in zip(x.split(size), of_group.split(size, 1), strict=True):
-                out.copy_(self._some(part.expand(len(group), *part.shape), whole))
+        for part, of_part in zip(x.split(size), logits.split(size, 1), strict=True):
+            prepared = self.network.prepare(part[None], whole)
+            for group, of_group in zip(groups, of_part.split(len(groups[0])), strict=True):
+                for weight, stack in zip(self._some.parameters(), self.network.parameters(), strict=True):
+                    weight.data = stack.data[group.start : group.stop]
+                of_group.copy_(self._some.logits_of(prepared))
         return torch.sigmoid(logits + math.log(odds)).cpu().numpy()
 
 

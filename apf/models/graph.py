@@ -78,23 +78,36 @@ class PrefixMessages(MessagePassing):
 
     def __init__(self, members: int, n_own: int, n_position: int, hidden: int) -> None:
         super().__init__(aggr="sum", node_dim=-3)
-        self.n_own = n_own
         self.first = EnsembleLinear(members, 2 * n_own + n_position, hidden)
         self.middle = EnsembleLinear(members, hidden, hidden)
 
-    def forward(self, x: Tensor, graph: PrefixGraph) -> Tensor:
-        """Features [E, K, N, F] -> [E, S, N x H]: what each slot receives."""
-        return self.propagate(graph.edges, x=x, received=graph.received)
+    def forward(self, pairs: Tensor, graph: PrefixGraph) -> Tensor:
+        """Features of all pairs [E, P x N, 2 (F - D) + D] -> [E, S, N x H]: what each slot receives."""
+        return self.propagate(graph.edges, pairs=pairs, received=graph.received)
 
-    def message(self, x_i: Tensor, x_j: Tensor) -> Tensor:
-        """[E, P, N, F] of targets and of sources -> [E, P x N, H]."""
-        n = self.n_own
-        pair = torch.cat([x_j[..., :n], x_i[..., :n], x_j[..., n:] - x_i[..., n:]], -1)
-        return self.middle(self.first(pair.flatten(1, 2)).relu_()).relu_()
+    def message(self, pairs: Tensor) -> Tensor:
+        """Features of all pairs -> [E, P x N, H]."""
+        return self.middle(self.first(pairs).relu_()).relu_()
 
     def aggregate(self, inputs: Tensor, received: Tensor) -> Tensor:
         """[E, P x N, H] -> [E, S, N x H]: sums over the edges into each slot, as one product with a 0/1 matrix."""
         return mix_nodes(received, inputs)
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """What is known of N plans before any weight: features side by side for each edge, slot and block alone.
+
+    E is 1 where all members are shown the same plans. D of the F features are a position.
+    pairs: [E, P x N, 2 (F - D) + D] of source, target, and where the one lies, seen from the other.
+    slots: [E, S x N, F - D + 1] of the block, and how many messages it receives. alone: [E, A x N, F - D].
+    """
+
+    graph: PrefixGraph
+    plans: int
+    pairs: Tensor
+    slots: Tensor
+    alone: Tensor
 
 
 def mix_nodes(weights: Tensor, x: Tensor) -> Tensor:
@@ -131,26 +144,35 @@ class GraphNetwork(EnsembleNetwork):
 
     def forward(self, x: Tensor, whole: bool = False) -> Tensor:
         """[E, N, K, F] -> [E, N, K - 1], or [E, N, 1] if `whole`; see `EnsembleNetwork.forward`."""
+        return self.logits_of(self.prepare(x, whole))
+
+    def prepare(self, x: Tensor, whole: bool = False) -> Prepared:
+        """[E, N, K, F] -> what the layers read of them."""
         e, n, k, _ = x.shape
         x = x.transpose(1, 2).contiguous()
         graph = prefix_graph(k, self.both_ways, whole, x.device)
+        own, position = x.split([self.n_own, x.shape[-1] - self.n_own], -1)
+        source, target = graph.edges
+        seen = position.index_select(1, source) - position.index_select(1, target)
+        pairs = torch.cat([own.index_select(1, source), own.index_select(1, target), seen], -1)
+        slots = torch.cat([own.index_select(1, graph.block), graph.n_received.expand(e, -1, n, 1)], -1)
+        alone = own.index_select(1, graph.alone)
+        return Prepared(graph, n, pairs.flatten(1, 2), slots.flatten(1, 2), alone.flatten(1, 2))
+
+    def logits_of(self, prepared: Prepared) -> Tensor:
+        """[E, N, K - 1], or [E, N, 1] of the whole plans."""
+        graph = prepared.graph
         weight, bias = self.last.then(self.update_messages)
-        counted = torch.cat([self._own(x, graph.block), graph.n_received.expand(e, -1, n, 1)], -1)
-        slots = self.update_own(counted.flatten(1, 2), bias)
-        slots = slots.baddbmm_(self.messages(x, graph).view_as(slots), weight).relu_()
+        slots = self.update_own(prepared.slots, bias)
+        slots = slots.baddbmm_(self.messages(prepared.pairs, graph).view_as(slots), weight).relu_()
         if self.both_ways:
             prefixes = mix_nodes(graph.mean, slots)
         else:
-            alone = self.update_own(self._own(x, graph.alone).flatten(1, 2)).relu_()
-            prefixes = mix_nodes(graph.mean_alone, alone).baddbmm_(
-                graph.mean.expand(e, -1, -1), slots.view(e, len(graph.block), -1)
+            prefixes = mix_nodes(graph.mean_alone, self.update_own(prepared.alone).relu_()).baddbmm_(
+                graph.mean.expand(len(slots), -1, -1), slots.view(len(slots), len(graph.block), -1)
             )
-        logits = self.logit(self.readout(prefixes.view(e, -1, self.hidden)).relu_())
-        return logits.view(e, -1, n).transpose(1, 2)
-
-    def _own(self, x: Tensor, blocks: Tensor) -> Tensor:
-        """[E, K, N, F] -> [E, len(blocks), N, F - D]: the blocks' own features, without positions."""
-        return x.index_select(1, blocks)[..., : self.n_own]
+        logits = self.logit(self.readout(prefixes.view(len(slots), -1, self.hidden)).relu_())
+        return logits.view(len(slots), -1, prepared.plans).transpose(1, 2)
 
 
 class TowersGraphNetwork(GraphNetwork):

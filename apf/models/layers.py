@@ -1,6 +1,7 @@
 """Layers of a whole ensemble: one weight stack [E, in, out], one matrix product for all members."""
 
 import math
+from typing import Any
 
 import torch
 from torch import Tensor, nn
@@ -37,11 +38,12 @@ class EnsembleLinear(nn.Module):
         return torch.bmm(self.weight, linear.weight), torch.bmm(self.bias, linear.weight)
 
     def forward(self, x: Tensor, more: Tensor | None = None) -> Tensor:
-        """[E, N, in] -> [E, N, out], a new tensor that may be changed in place.
+        """[E, N, in], or [1, N, in] for all members -> [E, N, out], a new tensor that may be changed in place.
 
         more: [E, m, out] weights of m further inputs, which are the last of x.
         """
         weight = self.weight if more is None else torch.cat([self.weight, more], 1)
+        x = x.expand(len(weight), -1, -1)
         return torch.bmm(x, weight) if self.bias is None else torch.baddbmm(self.bias, x, weight)
 
 
@@ -58,6 +60,19 @@ class EnsembleNetwork(nn.Module):
         x: [E, N, K, F]. Returns [E, N, K - 1], or [E, N, 1], the last of them alone, if `whole`.
         """
         raise NotImplementedError
+
+    def prepare(self, x: Tensor, whole: bool = False) -> Any:
+        """What `logits_of` needs to know of plans x [1, N, K, F].
+
+        A network may compute here what no weight has part in: members asked one after another then share it.
+        """
+        return x, whole
+
+    def logits_of(self, prepared: Any) -> Tensor:
+        """What all members say of plans that every one of them is shown; as `forward`."""
+        x, whole = prepared
+        members = len(next(self.parameters()))
+        return self(x.expand(members, -1, -1, -1), whole)
 
     def split(self, vector: Tensor) -> list[Tensor]:
         """Views of a vector that holds a number for each weight of some members, shaped as the parameters are."""
