@@ -81,14 +81,10 @@ class EnsembleNetwork(nn.Module):
         parts = vector.split([members * size for size in sizes])
         return [part.view(members, *p.shape[1:]) for part, p in zip(parts, self.parameters(), strict=True)]
 
-    def use(self, vector: nn.Parameter) -> None:
-        """Make the parameters views of a vector, and their gradients views of its gradient.
-
-        To an optimiser all weights are then one tensor; and it decides how many members there are.
-        """
-        vector.grad = torch.zeros_like(vector)
-        for parameter, weight, gradient in zip(self.parameters(), self.split(vector.data), self.split(vector.grad)):
-            parameter.data, parameter.grad = weight, gradient
+    def use(self, vector: Tensor) -> None:
+        """Make the parameters views of a vector: to an optimiser all weights are then one tensor."""
+        for parameter, weight in zip(self.parameters(), self.split(vector), strict=True):
+            parameter.data = weight
 
     def reset(self, generators: list[torch.Generator]) -> None:
         """Draw all initial weights; member e from `generators[e]` alone."""

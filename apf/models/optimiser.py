@@ -17,13 +17,11 @@ class AdamW:
         self.mean, self.mean_square = torch.zeros_like(weights), torch.zeros_like(weights)
         self.steps = torch.zeros((), device=weights.device)
 
-    @torch.no_grad()
-    def step(self, learning_rate: float) -> None:
-        """Move the weights along their gradient, which is set to zero."""
-        assert self.weights.grad is not None
+    def step(self, gradient: Tensor, learning_rate: float) -> None:
+        """Move the weights against their gradient."""
         adamw(
             [self.weights],
-            [self.weights.grad],
+            [gradient],
             [self.mean],
             [self.mean_square],
             [],
@@ -37,4 +35,3 @@ class AdamW:
             eps=1e-8,
             maximize=False,
         )
-        self.weights.grad.zero_()

@@ -89,20 +89,22 @@ def fit(
     device = next(network.parameters()).device
     train_groups, validation_groups = _to_device(train, device), _to_device(validation, device)
     members = len(generators)
-    weights = nn.Parameter(parameters_to_vector(network.parameters()))
+    parameters = list(network.parameters())
+    weights = parameters_to_vector(parameters).detach()
     network.use(weights)
     decay = training.weight_decay / plans
     optimiser = AdamW(weights, decay)
-    mean, kept_weights = weights.detach().clone(), torch.empty_like(weights)
+    mean, kept_weights = weights.clone(), torch.empty_like(weights)
     lowest, kept = torch.full((members,), torch.inf), torch.zeros(members, dtype=torch.long)
     losses: list[np.ndarray] = []
     train_loss, labels = torch.zeros(members, device=device), 0
     batches = _batches(train_groups, training.batch, generators, turns)
     for update, (x, y, rows) in enumerate(islice(batches, training.updates), 1):
-        train_loss += _gradients(network, x[rows], y[rows])
-        optimiser.step(training.learning_rate * min(1.0, update / max(1, training.warmup)))
+        loss_of_batch, gradient = _gradient(network, parameters, x[rows], y[rows])
+        optimiser.step(gradient, training.learning_rate * min(1.0, update / max(1, training.warmup)))
+        train_loss += loss_of_batch
         labels += rows.shape[1] * y.shape[1]
-        mean.lerp_(weights.detach(), 1 - min(training.averaging, update / (update + 9)))
+        mean.lerp_(weights, 1 - min(training.averaging, update / (update + 9)))
         if update % CHECK == 0 or update == training.updates:
             loss = torch.full((2, members), torch.nan)
             loss[0] = train_loss / labels
@@ -119,18 +121,18 @@ def fit(
                 ours[better] = theirs[better]
             losses.append(loss.numpy())
             train_loss, labels = torch.zeros_like(train_loss), 0
-    network.use(nn.Parameter(kept_weights))
+    network.use(kept_weights)
     train_losses, validation_losses = np.stack(losses, 1)
     return History(train_losses, validation_losses, kept.numpy())
 
 
 @contextmanager
-def _weights(weights: nn.Parameter, others: Tensor) -> Iterator[None]:
+def _weights(weights: Tensor, others: Tensor) -> Iterator[None]:
     """Other weights in place of these, for a while."""
-    own = weights.detach().clone()
-    weights.data.copy_(others)
+    own = weights.clone()
+    weights.copy_(others)
     yield
-    weights.data.copy_(own)
+    weights.copy_(own)
 
 
 @torch.inference_mode()
@@ -140,11 +142,12 @@ def validation_loss(network: EnsembleNetwork, members: int, groups: Sequence[Gro
     return torch.as_tensor(total) / sum(y.numel() for _, y in groups)
 
 
-def _gradients(network: EnsembleNetwork, x: Tensor, y: Tensor) -> Tensor:
-    """Gradients of a batch x [E, B, K, F], y [E, B, P]. Returns the summed loss of each member [E]."""
+def _gradient(network: EnsembleNetwork, parameters: list[nn.Parameter], x: Tensor, y: Tensor) -> tuple[Tensor, Tensor]:
+    """Of a batch x [E, B, K, F], y [E, B, P]: each member's summed loss [E], and the gradient of all weights [W]."""
     loss = _loss(network, x, y)
-    (loss.sum() / y[0].numel()).backward()  # members share no weights: each learns from its own
-    return loss.detach()
+    mean = loss.sum() / y[0].numel()  # members share no weights: each learns from its own
+    gradients = torch.autograd.grad(mean, parameters, materialize_grads=True)
+    return loss.detach(), torch.cat([gradient.flatten() for gradient in gradients])
 
 
 def _batches(
