@@ -1,4 +1,4 @@
-"""What is published is what the published runs give: the analyses of `results/runs`, once more."""
+"""What is published is what the published runs give: the analyses of `results`, once more."""
 
 from pathlib import Path
 
@@ -7,14 +7,16 @@ import pytest
 from integration.command_line import ANALYSIS, REPOSITORY, spawn
 
 RESULTS = REPOSITORY / "results"
+STRATEGIES, BASELINES = "runs/strategies", "runs/baselines"
 ANALYSES = {
-    "regret.csv": ("plot_regret.py", "strategies", "baselines", "--out", "regret"),
-    "accuracy.csv": ("plot_accuracy.py", "strategies", "baselines", "--out", "accuracy"),
-    "architectures.csv": ("plot_accuracy.py", "architectures", "--out", "architectures"),
-    "regret_table.csv": ("table_regret.py", "strategies", "baselines", "predictors", "--out", "regret_table.csv"),
-    "claims.csv": ("claims.py", ".", "--notes", RESULTS / "notes.yaml", "--out", "claims.csv"),
+    "regret.csv": ("plot_regret.py", STRATEGIES, BASELINES, "--out", "regret"),
+    "accuracy.csv": ("plot_accuracy.py", STRATEGIES, BASELINES, "--out", "accuracy"),
+    "architectures.csv": ("plot_accuracy.py", "runs/architectures", "--out", "architectures"),
+    "regret_table.csv": ("table_regret.py", STRATEGIES, BASELINES, "runs/predictors", "--out", "regret_table.csv"),
+    "claims.csv": ("claims.py", "runs", "--notes", RESULTS / "notes.yaml", "--out", "claims.csv"),
+    "early_stopping.csv": ("table_regret.py", "trials/early_stopping", "--out", "early_stopping.csv"),
 }
-"""By the file that it writes: a script, folders of `results/runs`, and options."""
+"""By the file that it writes: a script, folders of `results`, and options."""
 
 
 @pytest.mark.slow
@@ -22,7 +24,7 @@ ANALYSES = {
 def test_an_analysis_once_more(name: str, tmp_path: Path) -> None:
     script, *words = ANALYSES[name]
     end = words.index("--notes" if "--notes" in words else "--out")
-    folders = [RESULTS / "runs" / word for word in words[:end]]
+    folders = [RESULTS / word for word in words[:end]]
     spawn([ANALYSIS / script, *folders, *words[end:]], cwd=tmp_path).must_work()
     assert (tmp_path / name).read_bytes() == (RESULTS / name).read_bytes()
 

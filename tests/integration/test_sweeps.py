@@ -12,10 +12,11 @@ from apf.config import config_dir, validate
 from integration.command_line import REPOSITORY, TINY, call
 
 SWEEPS = REPOSITORY / "sweeps"
-RUNS = {"strategies": 16, "baselines": 8, "architectures": 9, "predictors": 2}
+RUNS = {"strategies": 16, "baselines": 8, "architectures": 9, "predictors": 2, "early_stopping": 4}
 SAMPLERS = {
     "strategies": {"sequential", "incremental", "complete", "greedy"},
     "baselines": {"random_ss", "random_comp"},
+    "early_stopping": {"sequential", "greedy"},
 }
 
 
