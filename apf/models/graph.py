@@ -94,6 +94,12 @@ class PrefixMessages(MessagePassing):
         return mix_nodes(received, inputs)
 
 
+def mix_nodes(weights: Tensor, x: Tensor) -> Tensor:
+    """Weighted sums over nodes: [M, nodes] x [E, nodes x N, H] -> [E, M, N x H]."""
+    x = x.view(len(x), weights.shape[1], -1)
+    return x * weights if weights.numel() == 1 else torch.bmm(weights.expand(len(x), -1, -1), x)
+
+
 @dataclass(frozen=True, eq=False)
 class Prepared:
     """What is known of N plans before any weight: features side by side for each edge, slot and block alone.
@@ -108,12 +114,6 @@ class Prepared:
     pairs: Tensor
     slots: Tensor
     alone: Tensor
-
-
-def mix_nodes(weights: Tensor, x: Tensor) -> Tensor:
-    """Weighted sums over nodes: [M, nodes] x [E, nodes x N, H] -> [E, M, N x H]."""
-    x = x.view(len(x), weights.shape[1], -1)
-    return x * weights if weights.numel() == 1 else torch.bmm(weights.expand(len(x), -1, -1), x)
 
 
 class GraphNetwork(EnsembleNetwork):
