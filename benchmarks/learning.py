@@ -71,27 +71,27 @@ def check_training(ensemble: Ensemble, train: list[Examples], samples: plain_lea
     np.testing.assert_equal(sum(len(y) for _, y in samples.values()), sum(part.y.size for part in train))
     batch = [Examples(part.x[::40], part.y[::40]) for part in train]
     labels = sum(part.y.size for part in batch)
-    network.zero_grad()
     loss = torch.zeros(ensemble.members)
+    gradients = {name: torch.zeros_like(weight) for name, weight in network.named_parameters()}
     plain_loss = [torch.zeros(()) for _ in members]
     for part in batch:
         x, y = torch.from_numpy(part.x), torch.from_numpy(part.y)
-        logits = network(x.expand(ensemble.members, *x.shape))
+        rows = torch.arange(len(x)).expand(ensemble.members, -1)
+        logits, backward = network.vjp(network.batcher(x)(rows))
         loss = loss + cross_entropy(logits, y.expand_as(logits)).sum((1, 2)) / labels
+        for gradient, of_part in zip(gradients.values(), backward((logits.sigmoid() - y) / labels), strict=True):
+            gradient += of_part
         for e, member in enumerate(members):
             for prefix in range(y.shape[1]):  # each a sample of its own
                 plain_logits = member(x[:, : prefix + 2])
                 torch.testing.assert_close(plain_logits, logits[e, :, prefix], rtol=1e-4, atol=1e-5)
                 plain_loss[e] = plain_loss[e] + cross_entropy(plain_logits, y[:, prefix]).sum() / labels
-    loss.sum().backward()
     torch.testing.assert_close(torch.stack(plain_loss), loss, rtol=1e-4, atol=1e-5)
-    gradients = {name: weight.grad for name, weight in network.named_parameters() if weight.grad is not None}
     for e, member in enumerate(members):
         plain_loss[e].backward()
         plain_gradients = {name: weight.grad for name, weight in member.named_parameters()}
         for name, gradient in plain_learning.plain_names({n: g[e] for n, g in gradients.items()}).items():
             torch.testing.assert_close(plain_gradients[name], gradient, rtol=1e-3, atol=1e-6)
-    network.zero_grad()
     standing_still = changed(epoch_of(ensemble.training, batch), learning_rate=1e-12)
     history = fit(network, batch, [], standing_still, *new_generators(ensemble), plans=1)
     np.testing.assert_allclose(history.train_loss[0], loss.detach().numpy(), rtol=1e-4)

@@ -15,7 +15,13 @@ COPIED = 64 * 2**20
 """Bytes of the array whose copy shows the memory's bandwidth: more than any cache holds."""
 
 _aten = torch.ops.aten
-_OPERANDS = {_aten.mm.default: 0, _aten.bmm.default: 0, _aten.addmm.default: 1, _aten.baddbmm.default: 1}
+_OPERANDS = {
+    _aten.mm.default: 0,
+    _aten.bmm.default: 0,
+    _aten.addmm.default: 1,
+    _aten.baddbmm.default: 1,
+    _aten.baddbmm_.default: 1,
+}
 """Products, and which of their arguments is the left matrix."""
 
 

@@ -96,10 +96,10 @@ def measure(case: Case, on_progress: Callable[[str], None] = lambda what: None) 
     for repetition in range(case.repetitions):
         on_progress(f"{case.title}: round {repetition + 1} of {case.repetitions}")
         ours.append(case.ours.seconds())
-        if case.reference:
-            ratios.append(sum(part.seconds() for part in case.reference) / ours[-1])
         if case.limit:
             shares.append(sum(part.seconds() for part in case.limit) / ours[-1])
+        if case.reference:
+            ratios.append(sum(part.seconds() for part in case.reference) / ours[-1])
     seconds, rate = median(ours), case.amount / median(ours)
     ratio = median(ratios) if ratios else None
     share = median(shares) if shares else None

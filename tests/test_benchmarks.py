@@ -110,7 +110,7 @@ class TwoLayers(EnsembleNetwork):
     def forward(self, x: torch.Tensor, whole: bool = False) -> torch.Tensor:
         """[2, 6, 3] -> [2, 6, 5]."""
         sums = torch.bmm(torch.ones(2, 6, 6), x)
-        return self.second(self.first(sums))
+        return torch.ones(2, 6, 5).baddbmm_(self.first(sums), self.second.weight)
 
 
 def test_the_limit_is_made_of_the_products_with_weights() -> None:

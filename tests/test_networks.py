@@ -110,6 +110,21 @@ def test_all_members_see_the_same_plans_as_each_would_its_own(name: str, whole: 
     assert torch.equal(same, network(x.expand(MEMBERS, -1, -1, -1), whole))
 
 
+@pytest.mark.parametrize("name", NETWORKS)
+@pytest.mark.parametrize("whole", [False, True])
+@pytest.mark.parametrize("length", [2, 3, 5])
+def test_each_member_learns_from_its_own_examples_as_autograd_says(name: str, whole: bool, length: int) -> None:
+    network, x = make(name), torch.randn(12, length, F)
+    rows = torch.stack([torch.randperm(12)[:4] for _ in range(MEMBERS)])
+    logits, backward = network.vjp(network.batcher(x, whole)(rows))
+    of_logits = torch.randn(logits.shape)
+    expected = network(x[rows], whole)
+    gradients = torch.autograd.grad(expected, list(network.parameters()), of_logits, materialize_grads=True)
+    assert torch.equal(logits, expected)
+    for gradient, of_parameter in zip(backward(of_logits), gradients, strict=True):
+        torch.testing.assert_close(gradient, of_parameter)
+
+
 @pytest.mark.parametrize(("name", "heard"), [("tgn", False), ("fcgn", True)])
 def test_in_tgn_no_block_hears_from_the_bottom_one(name: str, heard: bool) -> None:
     x = torch.randn(1, 1, 3, F)

@@ -1,5 +1,6 @@
 """Training an ensemble: examples, batches, what is kept, determinism, learning at all."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from itertools import islice
@@ -78,23 +79,31 @@ def test_a_mirrored_tower_keeps_its_labels() -> None:
     np.testing.assert_allclose(features(image), mirrored(features(upright)), atol=1e-6)
 
 
+def numbered(n: int, length: int) -> tuple[Callable[[torch.Tensor], torch.Tensor], torch.Tensor]:
+    """A group of n examples that hold their own numbers, and so do their labels."""
+    x = torch.arange(n, dtype=torch.float32)[:, None, None].expand(-1, length, 10)
+    return (lambda rows: x[rows]), x[:, 1:, 0]
+
+
 def test_batches_hold_every_example_once_and_about_as_many_labels_each() -> None:
     generators = [torch.Generator().manual_seed(seed) for seed in range(2)]
-    pairs, triples = (torch.zeros(40, 2, 10), torch.zeros(40, 1)), (torch.zeros(24, 3, 10), torch.zeros(24, 2))
+    pairs, triples = numbered(40, length=2), numbered(24, length=3)
     epoch = batches_of(40, 1, 8) + batches_of(24, 2, 8)
     batches = list(islice(_batches([pairs, triples], 8, generators, torch.Generator()), epoch))
-    assert [rows.shape for x, _, rows in batches if x is pairs[0]] == [(2, 8)] * 5
-    assert [rows.shape for x, _, rows in batches if x is triples[0]] == [(2, 4)] * 6
-    assert len({x.shape[1] for x, _, _ in batches[:5]}) == 2  # the lengths come in random order
-    for group in (pairs, triples):
-        orders = torch.cat([rows for x, _, rows in batches if x is group[0]], 1)
-        assert orders.sort(1).values.tolist() == [list(range(len(group[0])))] * 2
+    assert [x.shape for x, _ in batches if x.shape[2] == 2] == [(2, 8, 2, 10)] * 5
+    assert [x.shape for x, _ in batches if x.shape[2] == 3] == [(2, 4, 3, 10)] * 6
+    assert len({x.shape[2] for x, _ in batches[:5]}) == 2  # the lengths come in random order
+    for length, n in ((2, 40), (3, 24)):
+        orders = torch.cat([x[..., 0, 0] for x, _ in batches if x.shape[2] == length], 1)
+        assert orders.sort(1).values.tolist() == [list(range(n))] * 2
         assert orders[0].tolist() != orders[1].tolist()
+    for x, y in batches:
+        assert torch.equal(y[..., 0], x[..., 0, 0])  # every example with its own labels
 
 
 def test_a_batch_is_never_empty() -> None:
-    batches = _batches([(torch.zeros(2, 5, 10), torch.zeros(2, 4))], 1, [torch.Generator()], torch.Generator())
-    assert [rows.shape for *_, rows in islice(batches, 5)] == [(1, 1)] * 5
+    batches = _batches([(lambda rows: rows, torch.zeros(2, 4))], 1, [torch.Generator()], torch.Generator())
+    assert [rows.shape for rows, _ in islice(batches, 5)] == [(1, 1)] * 5
 
 
 def test_the_same_stream_gives_the_same_weights_and_another_gives_others() -> None:
@@ -112,7 +121,7 @@ def test_stopped_early_each_member_keeps_the_weights_of_its_own_best_check(monke
     fake = torch.tensor([[4.0, 4.0], [1.0, 3.0], [2.0, 1.0], [2.0, 2.0]])
     seen: list[list[torch.Tensor]] = []
 
-    def scripted(network: EnsembleNetwork, members: int, groups: object) -> torch.Tensor:
+    def scripted(network: EnsembleNetwork, groups: object) -> torch.Tensor:
         seen.append([parameter.detach().clone() for parameter in network.parameters()])
         return fake[len(seen) - 1]
 
@@ -159,8 +168,9 @@ def test_the_learning_rate_rises_to_its_value(warmup: int, rates: list[float], m
 def test_what_is_kept_is_a_running_mean_of_the_weights(monkeypatch: pytest.MonkeyPatch) -> None:
     """Without the losses: each update is made to add 1 to every weight."""
 
-    def add_one(optimiser: AdamW, gradient: torch.Tensor, learning_rate: float) -> None:
-        optimiser.weights += 1
+    def add_one(optimiser: AdamW, gradients: list[torch.Tensor], learning_rate: float) -> None:
+        for weights in optimiser.weights:
+            weights += 1
 
     monkeypatch.setattr(AdamW, "step", add_one)
     group = examples([labelled(2, 20, 1)], Kind.SUBSEQUENCE, DOMAIN)
@@ -180,14 +190,14 @@ def test_what_is_kept_is_a_running_mean_of_the_weights(monkeypatch: pytest.Monke
 
 def test_the_optimiser_is_pytorchs() -> None:
     generator = torch.Generator().manual_seed(0)
-    start, gradients = torch.randn(50, generator=generator), torch.randn(20, 50, generator=generator)
+    start, gradients = torch.randn(2, 5, 7, generator=generator), torch.randn(20, 2, 7, 5, generator=generator)
     ours, theirs = start.clone(), nn.Parameter(start.clone())
-    optimiser, reference = AdamW(ours, 0.3), torch.optim.AdamW([theirs], weight_decay=0.3, fused=True)
-    for update, gradient in enumerate(gradients, 1):
-        theirs.grad = gradient
+    optimiser, reference = AdamW([ours], 0.3), torch.optim.AdamW([theirs], weight_decay=0.3, fused=True)
+    for update, gradient in enumerate(gradients.mT, 1):  # which do not lie in memory as the weights do
+        theirs.grad = gradient.contiguous()
         reference.param_groups[0]["lr"] = 0.01 * update
         reference.step()
-        optimiser.step(gradient, 0.01 * update)
+        optimiser.step([gradient], 0.01 * update)
         assert torch.equal(ours, theirs)
 
 
@@ -213,7 +223,7 @@ def test_validation_loss_is_the_mean_cross_entropy_of_all_labels() -> None:
     logits = model.network(x.expand(2, *x.shape)).detach()
     p = torch.sigmoid(logits)
     expected = -(y * p.log() + (1 - y) * (1 - p).log()).mean((1, 2))
-    torch.testing.assert_close(validation_loss(model.network, 2, [(x, y)]), expected)
+    torch.testing.assert_close(validation_loss(model.network, [(x, y)]), expected)
 
 
 def test_prediction_and_training_may_alternate() -> None:

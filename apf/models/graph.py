@@ -5,6 +5,7 @@ prefix that holds them, so each is computed once; a prefix then sums those whose
 """
 
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import permutations
@@ -15,7 +16,7 @@ from pydantic import PositiveInt, validate_call
 from torch import Tensor
 
 from apf.imports import put_off
-from apf.models.layers import EnsembleLinear, EnsembleNetwork
+from apf.models.layers import Backward, EnsembleLinear, EnsembleNetwork, relu_backward_
 
 with put_off("torch._dynamo"):  # the compiler: two of five seconds of a start
     from torch_geometric.nn import MessagePassing
@@ -93,6 +94,19 @@ class PrefixMessages(MessagePassing):
         """[E, P x N, H] -> [E, S, N x H]: sums over the edges into each slot, as one product with a 0/1 matrix."""
         return mix_nodes(received, inputs)
 
+    def vjp(self, pairs: Tensor, graph: PrefixGraph) -> tuple[Tensor, Backward]:
+        """What `forward` returns, and the way back to the gradients of first and middle layer."""
+        first = self.first(pairs).relu_()
+        messages = self.middle(first).relu_()
+
+        def backward(gradient: Tensor) -> list[Tensor]:
+            gradient = relu_backward_(mix_nodes(graph.received.mT, gradient).view_as(messages), messages)
+            of_middle = self.middle.gradients(first, gradient)
+            gradient = relu_backward_(self.middle.input_gradient(gradient), first)
+            return [*self.first.gradients(pairs, gradient), *of_middle]
+
+        return mix_nodes(graph.received, messages), backward
+
 
 def mix_nodes(weights: Tensor, x: Tensor) -> Tensor:
     """Weighted sums over nodes: [M, nodes] x [E, nodes x N, H] -> [E, M, N x H]."""
@@ -159,20 +173,77 @@ class GraphNetwork(EnsembleNetwork):
         alone = own.index_select(1, graph.alone)
         return Prepared(graph, n, pairs.flatten(1, 2), slots.flatten(1, 2), alone.flatten(1, 2))
 
+    def batcher(self, x: Tensor, whole: bool = False) -> Callable[[Tensor], Prepared]:
+        """As `EnsembleNetwork.batcher`: examples are prepared once, and lie plan by plan to be gathered fast."""
+        prepared = self.prepare(x[None], whole)
+        parts = [part.view(-1, len(x), part.shape[2]) for part in (prepared.pairs, prepared.slots, prepared.alone)]
+        shapes = [(len(part), part.shape[2]) for part in parts]
+        by_plan = torch.cat([part.transpose(0, 1).flatten(1) for part in parts], 1)
+
+        def batch(rows: Tensor) -> Prepared:
+            e, n = rows.shape
+            drawn = by_plan.index_select(0, rows.flatten()).view(e, n, -1).split([a * f for a, f in shapes], 2)
+            shaped = (part.view(e, n, *shape) for part, shape in zip(drawn, shapes, strict=True))
+            return Prepared(prepared.graph, n, *(part.transpose(1, 2).flatten(1, 2) for part in shaped))
+
+        return batch
+
     def logits_of(self, prepared: Prepared) -> Tensor:
         """[E, N, K - 1], or [E, N, 1] of the whole plans."""
         graph = prepared.graph
         weight, bias = self.last.then(self.update_messages)
         slots = self.update_own(prepared.slots, bias)
         slots = slots.baddbmm_(self.messages(prepared.pairs, graph).view_as(slots), weight).relu_()
-        if self.both_ways:
-            prefixes = mix_nodes(graph.mean, slots)
-        else:
-            prefixes = mix_nodes(graph.mean_alone, self.update_own(prepared.alone).relu_()).baddbmm_(
-                graph.mean.expand(len(slots), -1, -1), slots.view(len(slots), len(graph.block), -1)
-            )
-        logits = self.logit(self.readout(prefixes.view(len(slots), -1, self.hidden)).relu_())
+        alone = None if self.both_ways else self.update_own(prepared.alone).relu_()
+        logits = self.logit(self.readout(self._average(graph, slots, alone)).relu_())
         return logits.view(len(slots), -1, prepared.plans).transpose(1, 2)
+
+    def _average(self, graph: PrefixGraph, slots: Tensor, alone: Tensor | None) -> Tensor:
+        """What is known of blocks -> [E, R x N, H], means over the blocks of each prefix."""
+        if alone is None:
+            mean = mix_nodes(graph.mean, slots)
+        else:
+            of_slots = graph.mean.expand(len(slots), -1, -1), slots.view(len(slots), len(graph.block), -1)
+            mean = mix_nodes(graph.mean_alone, alone).baddbmm_(*of_slots)
+        return mean.view(len(slots), -1, self.hidden)
+
+    @torch.inference_mode()
+    def vjp(self, prepared: Prepared) -> tuple[Tensor, Backward]:
+        """As `EnsembleNetwork.vjp`, without what autograd spends between products of this size.
+
+        It has its own account of what `logits_of` computes: who changes one in a subclass changes both, or takes
+        `EnsembleNetwork.vjp`.
+        """
+        graph = prepared.graph
+        received, backward_messages = self.messages.vjp(prepared.pairs, graph)
+        weight, bias = self.last.then(self.update_messages)
+        slots = self.update_own(prepared.slots, bias)
+        received = received.view_as(slots)
+        slots = slots.baddbmm_(received, weight).relu_()
+        alone = None if self.both_ways else self.update_own(prepared.alone).relu_()
+        prefixes = self._average(graph, slots, alone)
+        read = self.readout(prefixes).relu_()
+        logits = self.logit(read)
+
+        @torch.inference_mode()
+        def backward(gradient: Tensor) -> list[Tensor]:
+            gradient = gradient.transpose(1, 2).reshape_as(logits)
+            of_logit = self.logit.gradients(read, gradient)
+            gradient = relu_backward_(self.logit.input_gradient(gradient), read)
+            of_readout = self.readout.gradients(prefixes, gradient)
+            of_prefixes = self.readout.input_gradient(gradient)
+            gradient = relu_backward_(mix_nodes(graph.mean.mT, of_prefixes).view_as(slots), slots)
+            of_own_and_n, of_own_bias = self.update_own.gradients(prepared.slots, gradient)
+            of_own, of_bias = of_own_and_n.split([self.n_own, 1], 1)
+            of_last = self.last.gradients_then(self.update_messages, torch.bmm(received.mT, gradient), of_bias)
+            of_messages = backward_messages(torch.bmm(gradient, weight.mT))
+            if alone is not None:
+                gradient = relu_backward_(mix_nodes(graph.mean_alone.mT, of_prefixes).view_as(alone), alone)
+                of_alone, of_alone_bias = self.update_own.gradients(prepared.alone, gradient)
+                of_own, of_own_bias = of_own + of_alone, of_own_bias + of_alone_bias
+            return [*of_messages, *of_last, of_own, of_own_bias, *of_readout, *of_logit]
+
+        return logits.view(len(slots), -1, prepared.plans).transpose(1, 2), backward
 
 
 class TowersGraphNetwork(GraphNetwork):

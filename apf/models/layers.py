@@ -1,6 +1,8 @@
 """Layers of a whole ensemble: one weight stack [E, in, out], one matrix product for all members."""
 
 import math
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import torch
@@ -46,6 +48,34 @@ class EnsembleLinear(nn.Module):
         x = x.expand(len(weight), -1, -1)
         return torch.bmm(x, weight) if self.bias is None else torch.baddbmm(self.bias, x, weight)
 
+    def gradients(self, x: Tensor, gradient: Tensor) -> list[Tensor]:
+        """Of weight (with that of more inputs) and bias, if x went in and `gradient` [E, N, out] is the output's."""
+        of_weight = torch.bmm(x.mT, gradient)
+        return [of_weight] if self.bias is None else [of_weight, gradient.sum(1, keepdim=True)]
+
+    def input_gradient(self, gradient: Tensor) -> Tensor:
+        """Gradient of the output [E, N, out] -> of what went in [E, N, in]."""
+        back = self.weight.mT
+        return gradient * back if gradient.shape[2] == 1 else torch.bmm(gradient, back)
+
+    def gradients_then(self, linear: "EnsembleLinear", of_weight: Tensor, of_bias: Tensor) -> list[Tensor]:
+        """Of weight, bias and the weight of `linear`, from the gradients of what `then` returned."""
+        back = linear.weight.mT
+        of_linear = torch.bmm(self.weight.mT, of_weight)
+        if self.bias is None:
+            return [torch.bmm(of_weight, back), of_linear]
+        of_linear += torch.bmm(self.bias.mT, of_bias)
+        return [torch.bmm(of_weight, back), torch.bmm(of_bias, back), of_linear]
+
+
+def relu_backward_(gradient: Tensor, output: Tensor) -> Tensor:
+    """Gradient of the output of a ReLU -> of its input, in place."""
+    return torch.ops.aten.threshold_backward.grad_input(gradient, output, 0, grad_input=gradient)
+
+
+Backward = Callable[[Tensor], Sequence[Tensor]]
+"""From the gradient of an output to those of the parameters, in their order."""
+
 
 class EnsembleNetwork(nn.Module):
     """Base of every network: E members side by side, whose stacked parameters all begin with axis E.
@@ -62,17 +92,30 @@ class EnsembleNetwork(nn.Module):
         raise NotImplementedError
 
     def prepare(self, x: Tensor, whole: bool = False) -> Any:
-        """What `logits_of` needs to know of plans x [1, N, K, F].
+        """What `logits_of` needs to know of plans x [E, N, K, F], or [1, N, K, F] to show all members the same.
 
         A network may compute here what no weight has part in: members asked one after another then share it.
         """
         return x, whole
 
+    def batcher(self, x: Tensor, whole: bool = False) -> Callable[[Tensor], Any]:
+        """Of examples x [M, K, F]: what prepares those that each member is shown, given their rows [E, B]."""
+        return lambda rows: self.prepare(x[rows], whole)
+
     def logits_of(self, prepared: Any) -> Tensor:
-        """What all members say of plans that every one of them is shown; as `forward`."""
+        """What all members say of prepared plans; as `forward`."""
         x, whole = prepared
-        members = len(next(self.parameters()))
-        return self(x.expand(members, -1, -1, -1), whole)
+        return self(x.expand(len(next(self.parameters())), -1, -1, -1), whole)
+
+    def vjp(self, prepared: Any) -> tuple[Tensor, Backward]:
+        """Vector-Jacobian product: what `logits_of` says of each member's own plans, and the way back from there.
+
+        By autograd; a network may know a faster way.
+        """
+        parameters = list(self.parameters())
+        with torch.enable_grad():
+            logits = self.logits_of(prepared)
+        return logits.detach(), partial(torch.autograd.grad, logits, parameters, materialize_grads=True)
 
     def split(self, vector: Tensor) -> list[Tensor]:
         """Views of a vector that holds a number for each weight of some members, shaped as the parameters are."""

@@ -1,31 +1,33 @@
 """The optimiser of an ensemble: one step for the weights of all members."""
 
+from collections.abc import Sequence
+
 import torch
 from torch import Tensor
 from torch.optim.adamw import adamw
 
 
 class AdamW:
-    """AdamW for one tensor of weights, in place: PyTorch's function, with its usual betas.
+    """AdamW for tensors of weights, in place: PyTorch's function, with its usual betas.
 
     PyTorch's class of this name would load its compiler at the first step, which takes seconds.
     """
 
-    def __init__(self, weights: Tensor, weight_decay: float) -> None:
-        self.weights = weights
+    def __init__(self, weights: Sequence[Tensor], weight_decay: float) -> None:
+        self.weights = list(weights)
         self.weight_decay = weight_decay
-        self.mean, self.mean_square = torch.zeros_like(weights), torch.zeros_like(weights)
-        self.steps = torch.zeros((), device=weights.device)
+        self.means, self.mean_squares = ([torch.zeros_like(w) for w in self.weights] for _ in range(2))
+        self.steps = [torch.zeros((), device=w.device) for w in self.weights]
 
-    def step(self, gradient: Tensor, learning_rate: float) -> None:
-        """Move the weights against their gradient."""
+    def step(self, gradients: Sequence[Tensor], learning_rate: float) -> None:
+        """Move the weights against their gradients."""
         adamw(
-            [self.weights],
-            [gradient],
-            [self.mean],
-            [self.mean_square],
+            self.weights,
+            [gradient.contiguous() for gradient in gradients],  # the fused step takes memory as it lies
+            self.means,
+            self.mean_squares,
             [],
-            [self.steps],
+            self.steps,
             fused=True,
             amsgrad=False,
             beta1=0.9,

@@ -1,15 +1,15 @@
 """Training a whole ensemble at once: every member its own start and its own order of examples."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import islice
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import torch
 from pydantic import Field, NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt
-from torch import Tensor, nn
+from torch import Tensor
 from torch.nn.functional import binary_cross_entropy_with_logits
 from torch.nn.utils import parameters_to_vector
 
@@ -69,6 +69,9 @@ class History:
 Group = tuple[Tensor, Tensor]
 """Features x [M, K, F] and labels y [M, P] of one length."""
 
+Batch = tuple[Any, Tensor]
+"""Examples prepared for a network, and their labels y [E, B, P]."""
+
 
 def fit(
     network: EnsembleNetwork,
@@ -87,38 +90,42 @@ def fit(
     Raises FloatingPointError if a loss is not finite.
     """
     device = next(network.parameters()).device
-    train_groups, validation_groups = _to_device(train, device), _to_device(validation, device)
+    train_groups, validation_groups = (_to_device(part, device) for part in (train, validation))
     members = len(generators)
-    parameters = list(network.parameters())
-    weights = parameters_to_vector(parameters).detach()
+    weights = parameters_to_vector(network.parameters()).detach()
     network.use(weights)
     decay = training.weight_decay / plans
-    optimiser = AdamW(weights, decay)
+    optimiser = AdamW(network.split(weights), decay)
     mean, kept_weights = weights.clone(), torch.empty_like(weights)
     lowest, kept = torch.full((members,), torch.inf), torch.zeros(members, dtype=torch.long)
     losses: list[np.ndarray] = []
     train_loss, labels = torch.zeros(members, device=device), 0
-    batches = _batches(train_groups, training.batch, generators, turns)
-    for update, (x, y, rows) in enumerate(islice(batches, training.updates), 1):
-        loss_of_batch, gradient = _gradient(network, parameters, x[rows], y[rows])
-        optimiser.step(gradient, training.learning_rate * min(1.0, update / max(1, training.warmup)))
+    drawn_from = [(network.batcher(x, _whole(x, y)), y) for x, y in train_groups]
+    batches = _batches(drawn_from, training.batch, generators, turns)
+    for update, (prepared, y) in enumerate(islice(batches, training.updates), 1):
+        loss_of_batch, gradients = _loss_and_gradients(network, prepared, y)
+        optimiser.step(gradients, training.learning_rate * min(1.0, update / max(1, training.warmup)))
         train_loss += loss_of_batch
-        labels += rows.shape[1] * y.shape[1]
+        labels += y[0].numel()
         mean.lerp_(weights, 1 - min(training.averaging, update / (update + 9)))
         if update % CHECK == 0 or update == training.updates:
             loss = torch.full((2, members), torch.nan)
             loss[0] = train_loss / labels
             if validation:
                 with _weights(weights, mean):
-                    loss[1] = validation_loss(network, members, validation_groups)
+                    loss[1] = validation_loss(network, validation_groups)
             decisive = loss[1 if validation else 0]
             if not torch.isfinite(decisive).all():
                 worst = decisive[~torch.isfinite(decisive)][0].item()
                 raise FloatingPointError(f"a loss is {worst} after {update} updates")
-            better = decisive < lowest if validation else torch.ones(members, dtype=torch.bool)
-            lowest[better], kept[better] = decisive[better], len(losses)
-            for ours, theirs in zip(network.split(kept_weights), network.split(mean), strict=True):
-                ours[better] = theirs[better]
+            if validation:
+                better = decisive < lowest
+                lowest[better], kept[better] = decisive[better], len(losses)
+                for ours, theirs in zip(network.split(kept_weights), network.split(mean), strict=True):
+                    ours[better] = theirs[better]
+            else:
+                kept.fill_(len(losses))
+                kept_weights.copy_(mean)
             losses.append(loss.numpy())
             train_loss, labels = torch.zeros_like(train_loss), 0
     network.use(kept_weights)
@@ -136,36 +143,41 @@ def _weights(weights: Tensor, others: Tensor) -> Iterator[None]:
 
 
 @torch.inference_mode()
-def validation_loss(network: EnsembleNetwork, members: int, groups: Sequence[Group]) -> Tensor:
+def validation_loss(network: EnsembleNetwork, groups: Sequence[Group]) -> Tensor:
     """[E] mean binary cross-entropy over all labels of the groups."""
-    total = sum(_loss(network, x.expand(members, *x.shape), y.expand(members, *y.shape)) for x, y in groups)
+    total = sum(_loss(network.logits_of(network.prepare(x[None], _whole(x, y))), y) for x, y in groups)
     return torch.as_tensor(total) / sum(y.numel() for _, y in groups)
 
 
-def _gradient(network: EnsembleNetwork, parameters: list[nn.Parameter], x: Tensor, y: Tensor) -> tuple[Tensor, Tensor]:
-    """Of a batch x [E, B, K, F], y [E, B, P]: each member's summed loss [E], and the gradient of all weights [W]."""
-    loss = _loss(network, x, y)
-    mean = loss.sum() / y[0].numel()  # members share no weights: each learns from its own
-    gradients = torch.autograd.grad(mean, parameters, materialize_grads=True)
-    return loss.detach(), torch.cat([gradient.flatten() for gradient in gradients])
+def _loss_and_gradients(network: EnsembleNetwork, prepared: Any, y: Tensor) -> tuple[Tensor, Sequence[Tensor]]:
+    """Of a batch with labels y [E, B, P]: each member's summed loss [E], and the gradient of every parameter.
+
+    Members share no weights: each learns from the mean over its own labels.
+    """
+    logits, backward = network.vjp(prepared)
+    return _loss(logits, y), backward((logits.sigmoid() - y).mul_(1 / y[0].numel()))
 
 
 def _batches(
-    groups: Sequence[Group], batch: int, generators: list[torch.Generator], turns: torch.Generator
-) -> Iterator[tuple[Tensor, Tensor, Tensor]]:
-    """Batches without end, epoch after epoch: x and y of a group, and which rows [E, B] of it are in the batch.
+    groups: Sequence[tuple[Callable[[Tensor], Any], Tensor]],
+    batch: int,
+    generators: list[torch.Generator],
+    turns: torch.Generator,
+) -> Iterator[Batch]:
+    """Batches without end, epoch after epoch. groups: what prepares rows of M examples, and their labels y [M, P].
 
     A batch holds about `batch` labels of plans of one length, which makes few and large products. Which length is next
-    is the same for all members, so that they have arrays of one shape; the rows are each member's own.
+    is the same for all members, so that they have arrays of one shape; the plans are each member's own.
     """
     while True:
         epoch = []
-        for x, y in groups:
-            order = torch.stack([torch.randperm(len(x), generator=g) for g in generators]).to(x.device)
-            n = batches_of(len(x), y.shape[1], batch)
-            epoch += [(x, y, rows) for rows in order.tensor_split(n, dim=1)]
+        for prepare, y in groups:
+            order = torch.stack([torch.randperm(len(y), generator=g) for g in generators]).to(y.device)
+            n = batches_of(len(y), y.shape[1], batch)
+            epoch += [(prepare, y, rows) for rows in order.tensor_split(n, dim=1)]
         for i in torch.randperm(len(epoch), generator=turns):
-            yield epoch[i]
+            prepare, y, rows = epoch[i]
+            yield prepare(rows), y.index_select(0, rows.reshape(-1)).view(*rows.shape, -1)
 
 
 def batches_of(examples: int, labels: int, batch: int) -> int:
@@ -173,10 +185,14 @@ def batches_of(examples: int, labels: int, batch: int) -> int:
     return max(1, min(examples, round(examples * labels / batch)))
 
 
-def _loss(network: EnsembleNetwork, x: Tensor, y: Tensor) -> Tensor:
-    """[E] summed binary cross-entropy of x [E, B, K, F] against y [E, B, P]."""
-    logits = network(x, whole=y.shape[-1] < x.shape[-2] - 1)
-    return binary_cross_entropy_with_logits(logits, y, reduction="none").sum((1, 2))
+def _loss(logits: Tensor, y: Tensor) -> Tensor:
+    """[E] summed binary cross-entropy of logits [E, B, P] against y [E, B, P], or [B, P]."""
+    return binary_cross_entropy_with_logits(logits, y.expand_as(logits), reduction="none").sum((1, 2))
+
+
+def _whole(x: Tensor, y: Tensor) -> bool:
+    """Have plans x [M, K, F] a label each, y [M, 1], and not one for every prefix of two and more, [M, K - 1]?"""
+    return y.shape[1] < x.shape[1] - 1
 
 
 def _to_device(examples: Sequence[Examples], device: torch.device) -> list[Group]:
