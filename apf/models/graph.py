@@ -178,13 +178,17 @@ class GraphNetwork(EnsembleNetwork):
         prepared = self.prepare(x[None], whole)
         parts = [part.view(-1, len(x), part.shape[2]) for part in (prepared.pairs, prepared.slots, prepared.alone)]
         shapes = [(len(part), part.shape[2]) for part in parts]
-        by_plan = torch.cat([part.transpose(0, 1).flatten(1) for part in parts], 1)
+        widths = [nodes * features for nodes, features in shapes]
+        by_plan = x.new_empty(len(x), sum(widths))
+        for place, shape, part in zip(by_plan.split(widths, 1), shapes, parts, strict=True):
+            place.view(len(x), *shape).copy_(part.transpose(0, 1))
+        graph = prepared.graph
 
         def batch(rows: Tensor) -> Prepared:
             e, n = rows.shape
-            drawn = by_plan.index_select(0, rows.flatten()).view(e, n, -1).split([a * f for a, f in shapes], 2)
+            drawn = by_plan.index_select(0, rows.flatten()).view(e, n, -1).split(widths, 2)
             shaped = (part.view(e, n, *shape) for part, shape in zip(drawn, shapes, strict=True))
-            return Prepared(prepared.graph, n, *(part.transpose(1, 2).flatten(1, 2) for part in shaped))
+            return Prepared(graph, n, *(part.transpose(1, 2).flatten(1, 2) for part in shaped))
 
         return batch
 

@@ -45,7 +45,8 @@ class EnsembleLinear(nn.Module):
         more: [E, m, out] weights of m further inputs, which are the last of x.
         """
         weight = self.weight if more is None else torch.cat([self.weight, more], 1)
-        x = x.expand(len(weight), -1, -1)
+        if len(x) < len(weight):
+            x = x.expand(len(weight), -1, -1)
         return torch.bmm(x, weight) if self.bias is None else torch.baddbmm(self.bias, x, weight)
 
     def gradients(self, x: Tensor, gradient: Tensor) -> list[Tensor]:

@@ -99,18 +99,18 @@ def fit(
     mean, kept_weights = weights.clone(), torch.empty_like(weights)
     lowest, kept = torch.full((members,), torch.inf), torch.zeros(members, dtype=torch.long)
     losses: list[np.ndarray] = []
-    train_loss, labels = torch.zeros(members, device=device), 0
+    answers: list[tuple[Tensor, Tensor]] = []  # logits and labels [E, B x P] since the last check
     drawn_from = [(network.batcher(x, _whole(x, y)), y) for x, y in train_groups]
     batches = _batches(drawn_from, training.batch, generators, turns)
     for update, (prepared, y) in enumerate(islice(batches, training.updates), 1):
-        loss_of_batch, gradients = _loss_and_gradients(network, prepared, y)
+        logits, backward = network.vjp(prepared)
+        answers.append((logits.flatten(1), y.flatten(1)))
+        gradients = backward((logits.sigmoid() - y).mul_(1 / y[0].numel()))  # of each member's mean cross-entropy
         optimiser.step(gradients, training.learning_rate * min(1.0, update / max(1, training.warmup)))
-        train_loss += loss_of_batch
-        labels += y[0].numel()
         mean.lerp_(weights, 1 - min(training.averaging, update / (update + 9)))
         if update % CHECK == 0 or update == training.updates:
             loss = torch.full((2, members), torch.nan)
-            loss[0] = train_loss / labels
+            loss[0] = _loss(*(torch.cat(part, 1) for part in zip(*answers, strict=True))).mean(1)
             if validation:
                 with _weights(weights, mean):
                     loss[1] = validation_loss(network, validation_groups)
@@ -127,7 +127,7 @@ def fit(
                 kept.fill_(len(losses))
                 kept_weights.copy_(mean)
             losses.append(loss.numpy())
-            train_loss, labels = torch.zeros_like(train_loss), 0
+            answers.clear()
     network.use(kept_weights)
     train_losses, validation_losses = np.stack(losses, 1)
     return History(train_losses, validation_losses, kept.numpy())
@@ -145,17 +145,9 @@ def _weights(weights: Tensor, others: Tensor) -> Iterator[None]:
 @torch.inference_mode()
 def validation_loss(network: EnsembleNetwork, groups: Sequence[Group]) -> Tensor:
     """[E] mean binary cross-entropy over all labels of the groups."""
-    total = sum(_loss(network.logits_of(network.prepare(x[None], _whole(x, y))), y) for x, y in groups)
+    losses = (_loss(network.logits_of(network.prepare(x[None], _whole(x, y))), y) for x, y in groups)
+    total = sum(loss.sum((1, 2)) for loss in losses)
     return torch.as_tensor(total) / sum(y.numel() for _, y in groups)
-
-
-def _loss_and_gradients(network: EnsembleNetwork, prepared: Any, y: Tensor) -> tuple[Tensor, Sequence[Tensor]]:
-    """Of a batch with labels y [E, B, P]: each member's summed loss [E], and the gradient of every parameter.
-
-    Members share no weights: each learns from the mean over its own labels.
-    """
-    logits, backward = network.vjp(prepared)
-    return _loss(logits, y), backward((logits.sigmoid() - y).mul_(1 / y[0].numel()))
 
 
 def _batches(
@@ -186,8 +178,8 @@ def batches_of(examples: int, labels: int, batch: int) -> int:
 
 
 def _loss(logits: Tensor, y: Tensor) -> Tensor:
-    """[E] summed binary cross-entropy of logits [E, B, P] against y [E, B, P], or [B, P]."""
-    return binary_cross_entropy_with_logits(logits, y.expand_as(logits), reduction="none").sum((1, 2))
+    """Binary cross-entropy of each label, as logits; y may lack the first axis, if it is the same for all members."""
+    return binary_cross_entropy_with_logits(logits, y.expand_as(logits), reduction="none")
 
 
 def _whole(x: Tensor, y: Tensor) -> bool:
