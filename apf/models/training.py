@@ -103,9 +103,8 @@ def fit(
     drawn_from = [(network.batcher(x, _whole(x, y)), y) for x, y in train_groups]
     batches = _batches(drawn_from, training.batch, generators, turns)
     for update, (prepared, y) in enumerate(islice(batches, training.updates), 1):
-        logits, backward = network.vjp(prepared)
+        logits, gradients = _logits_and_gradients(network, prepared, y)
         answers.append((logits.flatten(1), y.flatten(1)))
-        gradients = backward((logits.sigmoid() - y).mul_(1 / y[0].numel()))  # of each member's mean cross-entropy
         optimiser.step(gradients, training.learning_rate * min(1.0, update / max(1, training.warmup)))
         mean.lerp_(weights, 1 - min(training.averaging, update / (update + 9)))
         if update % CHECK == 0 or update == training.updates:
@@ -148,6 +147,15 @@ def validation_loss(network: EnsembleNetwork, groups: Sequence[Group]) -> Tensor
     losses = (_loss(network.logits_of(network.prepare(x[None], _whole(x, y))), y) for x, y in groups)
     total = sum(loss.sum((1, 2)) for loss in losses)
     return torch.as_tensor(total) / sum(y.numel() for _, y in groups)
+
+
+def _logits_and_gradients(network: EnsembleNetwork, prepared: Any, y: Tensor) -> tuple[Tensor, Sequence[Tensor]]:
+    """What each member says [E, B, P], and the gradients of its mean cross-entropy by its weights.
+
+    Members share no weights: each learns from the mean over its own labels.
+    """
+    logits, backward = network.vjp(prepared)
+    return logits, backward((logits.sigmoid() - y).mul_(1 / y[0].numel()))
 
 
 def _batches(
