@@ -7,7 +7,7 @@ import torch
 from torch import nn
 
 from apf.models import EnsembleLinear, EnsembleNetwork, FullyConnectedGraphNetwork, LSTMNetwork, TowersGraphNetwork
-from apf.models.graph import prefix_graph
+from apf.models.prefixes import prefix_graph
 
 MEMBERS, F, D, H = 3, 10, 3, 8
 NETWORKS = {
