@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from apf.towers import QUATERNIONS, BlockSet, Offset, Towers, random_towers, standing_prefixes, stands
+from apf.towers import QUATERNIONS, BlockSet, Offset, Towers, random_towers, stability, standing_prefixes, stands
 
 seeds = st.integers(0, 2**32 - 1)
 lengths = st.integers(2, 6)
@@ -199,6 +199,17 @@ def test_stands_is_the_last_prefix(blocks):
 
 def test_no_towers_no_labels(blocks):
     assert standing_prefixes(random_towers(blocks, 3, 0, np.random.default_rng(0))).shape == (0, 3)
+
+
+def test_many_towers_are_judged_as_few_are(blocks, monkeypatch):
+    rng = np.random.default_rng(0)
+    towers = random_towers(blocks, 4, 50, rng, Offset(sd=0.25))
+    noisy = towers.xy + rng.normal(0, 0.02, (3, 50, 4, 2))
+    at_once = standing_prefixes(towers), standing_prefixes(towers, noisy)
+    assert at_once[0].any(0).all()
+    monkeypatch.setattr(stability, "CHUNK", 7)
+    for whole, parts in zip(at_once, (standing_prefixes(towers), standing_prefixes(towers, noisy)), strict=True):
+        np.testing.assert_array_equal(parts, whole)
 
 
 # --- properties ----------------------------------------------------------------------------------------------------

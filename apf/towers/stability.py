@@ -4,6 +4,9 @@ import numpy as np
 
 from apf.towers.towers import Towers
 
+CHUNK = 8192
+"""Towers that are judged at once: what is computed of them then stays in the cache."""
+
 
 def standing_prefixes(towers: Towers, xy: np.ndarray | None = None) -> np.ndarray:
     """[..., N, K] bool: does each prefix stand, given that those before it did?
@@ -15,6 +18,13 @@ def standing_prefixes(towers: Towers, xy: np.ndarray | None = None) -> np.ndarra
     broadcast against the towers.
     """
     xy = towers.xy if xy is None else xy
+    starts = range(0, max(len(towers), 1), CHUNK)
+    parts = (slice(start, start + CHUNK) for start in starts)
+    return np.concatenate([_standing_prefixes(towers[part], xy[..., part, :, :]) for part in parts], axis=-2)
+
+
+def _standing_prefixes(towers: Towers, xy: np.ndarray) -> np.ndarray:
+    """As `standing_prefixes`, of a few thousand towers."""
     k, mass = towers.length, _by_placement(towers.mass)
     stands = np.ones((k, *xy.shape[:-2]), bool)
     for axis in range(2):
