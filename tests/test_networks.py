@@ -1,5 +1,6 @@
 """The networks: one stack equals its members, one pass equals one network per prefix."""
 
+from collections.abc import Sequence
 from functools import partial
 
 import pytest
@@ -7,6 +8,7 @@ import torch
 from torch import nn
 
 from apf.models import EnsembleLinear, EnsembleNetwork, FullyConnectedGraphNetwork, LSTMNetwork, TowersGraphNetwork
+from apf.models.graph import Prepared
 from apf.models.prefixes import prefix_graph
 
 MEMBERS, F, D, H = 3, 10, 3, 8
@@ -123,6 +125,24 @@ def test_each_member_learns_from_its_own_examples_as_autograd_says(name: str, wh
     assert torch.equal(logits, expected)
     for gradient, of_parameter in zip(backward(of_logits), gradients, strict=True):
         torch.testing.assert_close(gradient, of_parameter)
+
+
+def test_a_subclass_with_other_logits_learns_from_them() -> None:
+    class Colder(TowersGraphNetwork):
+        def logits_of(self, prepared: Prepared) -> torch.Tensor:
+            return 2 * super().logits_of(prepared)
+
+    warm, cold = (kind(members=1, n_features=F, n_position=D, hidden=H) for kind in (TowersGraphNetwork, Colder))
+    warm.reset([torch.Generator().manual_seed(1)])
+    cold.load_state_dict(warm.state_dict())
+    x = torch.randn(1, 4, 3, F)
+    for ours, theirs in zip(*(backward_of(network, x) for network in (warm, cold)), strict=True):
+        torch.testing.assert_close(2 * ours, theirs)
+
+
+def backward_of(network: EnsembleNetwork, x: torch.Tensor) -> Sequence[torch.Tensor]:
+    logits, backward = network.vjp(network.prepare(x))
+    return backward(torch.ones_like(logits))
 
 
 @pytest.mark.parametrize(("name", "heard"), [("tgn", False), ("fcgn", True)])

@@ -8,6 +8,7 @@ import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import torch
 from pydantic import PositiveInt, validate_call
@@ -84,6 +85,11 @@ class GraphNetwork(EnsembleNetwork):
 
     both_ways: bool
 
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        super().__init_subclass__(**kwargs)
+        if "logits_of" in vars(cls) and "vjp" not in vars(cls):  # it computes something else than our `vjp`
+            cls.vjp = EnsembleNetwork.vjp  # type: ignore[method-assign]
+
     @validate_call
     def __init__(
         self, *, members: PositiveInt, n_features: PositiveInt, n_position: PositiveInt, hidden: PositiveInt
@@ -159,8 +165,7 @@ class GraphNetwork(EnsembleNetwork):
     def vjp(self, prepared: Prepared) -> tuple[Tensor, Backward]:
         """As `EnsembleNetwork.vjp`, without what autograd spends between products of this size.
 
-        It has its own account of what `logits_of` computes: who changes one in a subclass changes both, or takes
-        `EnsembleNetwork.vjp`.
+        It has its own account of what `logits_of` computes; a subclass with another `logits_of` is left to autograd.
         """
         graph = prepared.graph
         received, backward_messages = self.messages.vjp(prepared.pairs, graph)
