@@ -155,7 +155,7 @@ def _logits_and_gradients(network: EnsembleNetwork, prepared: Any, y: Tensor) ->
     Members share no weights: each learns from the mean over its own labels.
     """
     logits, backward = network.vjp(prepared)
-    return logits, backward((logits.sigmoid() - y).mul_(1 / y[0].numel()))
+    return logits, backward((logits.sigmoid() - y).mul_(len(y) / y.numel()))
 
 
 def _batches(
@@ -175,7 +175,7 @@ def _batches(
             order = torch.stack([torch.randperm(len(y), generator=g) for g in generators]).to(y.device)
             n = batches_of(len(y), y.shape[1], batch)
             epoch += [(prepare, y, rows) for rows in order.tensor_split(n, dim=1)]
-        for i in torch.randperm(len(epoch), generator=turns):
+        for i in torch.randperm(len(epoch), generator=turns).tolist():
             prepare, y, rows = epoch[i]
             yield prepare(rows), y.index_select(0, rows.reshape(-1)).view(*rows.shape, -1)
 
