@@ -8,7 +8,6 @@ import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import torch
 from pydantic import PositiveInt, validate_call
@@ -85,11 +84,6 @@ class GraphNetwork(EnsembleNetwork):
 
     both_ways: bool
 
-    def __init_subclass__(cls, **kwargs: Any) -> None:
-        super().__init_subclass__(**kwargs)
-        if "logits_of" in vars(cls) and "vjp" not in vars(cls):  # it computes something else than our `vjp`
-            cls.vjp = EnsembleNetwork.vjp  # type: ignore[method-assign]
-
     @validate_call
     def __init__(
         self, *, members: PositiveInt, n_features: PositiveInt, n_position: PositiveInt, hidden: PositiveInt
@@ -161,12 +155,14 @@ class GraphNetwork(EnsembleNetwork):
             mean = mix_nodes(graph.mean_alone, alone).baddbmm_(*of_slots)
         return mean.view(len(slots), -1, self.hidden)
 
-    @torch.inference_mode()
     def vjp(self, prepared: Prepared) -> tuple[Tensor, Backward]:
-        """As `EnsembleNetwork.vjp`, without what autograd spends between products of this size.
+        """As `EnsembleNetwork.vjp`, by hand; a subclass with another `logits_of` is left to autograd."""
+        by_hand = type(self).logits_of is GraphNetwork.logits_of
+        return self._vjp(prepared) if by_hand else super().vjp(prepared)
 
-        It has its own account of what `logits_of` computes; a subclass with another `logits_of` is left to autograd.
-        """
+    @torch.inference_mode()
+    def _vjp(self, prepared: Prepared) -> tuple[Tensor, Backward]:
+        """What `logits_of` computes, and its way back, without what autograd spends between products of this size."""
         graph = prepared.graph
         received, backward_messages = self.messages.vjp(prepared.pairs, graph)
         weight, bias = self.last.then(self.update_messages)
