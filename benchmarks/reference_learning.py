@@ -100,11 +100,14 @@ def plain_names(stacked: Mapping[str, Tensor]) -> dict[str, Tensor]:
     """
     stacked = {name.removeprefix("messages."): tensor for name, tensor in stacked.items()}
 
-    def layer(name: str, *parts: str, bias: str) -> dict[str, Tensor]:
-        matrix = torch.cat([stacked[f"{part}.weight"] for part in parts])
-        return {f"{name}.weight": matrix.T.clone(), f"{name}.bias": stacked[f"{bias}.bias"][0].clone()}
+    def layer(name: str, part: str, *more: str) -> dict[str, Tensor]:
+        matrix, bias = stacked[f"{part}.weight"], stacked.get(f"{part}.bias")
+        if bias is None:  # it is the last row
+            matrix, bias = matrix.split([len(matrix) - 1, 1])
+        matrix = torch.cat([matrix, *(stacked[f"{other}.weight"] for other in more)])
+        return {f"{name}.weight": matrix.T.clone(), f"{name}.bias": bias[0].clone()}
 
-    plain = layer("readout.0", "readout", bias="readout") | layer("readout.2", "logit", bias="logit")
+    plain = layer("readout.0", "readout") | layer("readout.2", "logit")
     if "states.0.weight" in stacked:
         number = 0
         while f"states.{number}.weight" in stacked:
@@ -115,10 +118,10 @@ def plain_names(stacked: Mapping[str, Tensor]) -> dict[str, Tensor]:
         return plain
     return (
         plain
-        | layer("message.0", "first", bias="first")
-        | layer("message.2", "middle", bias="middle")
-        | layer("message.4", "last", bias="last")
-        | layer("update.0", "update_own", "update_messages", bias="update_own")
+        | layer("message.0", "first")
+        | layer("message.2", "middle")
+        | layer("message.4", "last")
+        | layer("update.0", "update_own", "update_messages")
     )
 
 

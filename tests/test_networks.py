@@ -49,12 +49,14 @@ def test_each_prefix_is_judged_as_if_it_were_the_whole_plan(name: str) -> None:
         torch.testing.assert_close(network(x[:, :, :length], whole=True)[..., 0], every_prefix[..., length - 2])
 
 
-def test_weights_start_larger_than_torchs_own_and_biases_do_not() -> None:
-    layer = EnsembleLinear(members=2, n_in=100, n_out=50)
+@pytest.mark.parametrize("last_is_one", [False, True])
+def test_weights_start_larger_than_torchs_own_and_biases_do_not(last_is_one: bool) -> None:
+    layer = EnsembleLinear(members=2, n_in=100 + last_is_one, n_out=50, last_is_one=last_is_one)
     for member in range(2):
         layer.reset(member, torch.Generator().manual_seed(member))
-    assert layer.bias is not None
-    for parameter, bound in ((layer.weight, 0.1 * 2**0.5), (layer.bias, 0.1)):  # 1 / sqrt(100) in torch
+    weight, bias = layer.weight[:, :100], layer.weight[:, 100:] if layer.bias is None else layer.bias
+    assert bias.shape == (2, 1, 50)
+    for parameter, bound in ((weight, 0.1 * 2**0.5), (bias, 0.1)):  # 1 / sqrt(100) in torch
         assert parameter.abs().max().item() == pytest.approx(bound, rel=0.1)
         assert parameter.abs().max() <= bound
 
@@ -80,18 +82,18 @@ def test_graph_networks_see_positions_as_differences(name: str) -> None:
 def plain_graph_network(network: EnsembleNetwork, x: torch.Tensor, both_ways: bool) -> torch.Tensor:
     """Member 0 on one whole plan [K, F], with loops, concatenated inputs and a message net applied edge by edge."""
     w = {key: value[0] for key, value in network.state_dict().items()}
-    own, position = x[:, :-D], x[:, -D:]
+    own, position, one = x[:, :-D], x[:, -D:], torch.ones(1)
     states = []
     for i in range(len(x)):
         total = torch.zeros(H)
         for j in range(len(x)):
             if j > i or (both_ways and j != i):
                 inputs = torch.cat([own[j], own[i], position[j] - position[i]])
-                hidden = torch.relu(inputs @ w["messages.first.weight"] + w["messages.first.bias"][0])
+                hidden = torch.relu(torch.cat([inputs, one]) @ w["messages.first.weight"])
                 hidden = torch.relu(hidden @ w["messages.middle.weight"] + w["messages.middle.bias"][0])
-                total = total + hidden @ w["last.weight"] + w["last.bias"][0]
+                total = total + torch.cat([hidden, one]) @ w["last.weight"]
         update = torch.cat([w["update_own.weight"], w["update_messages.weight"]])
-        states.append(torch.relu(torch.cat([own[i], total]) @ update + w["update_own.bias"][0]))
+        states.append(torch.relu(torch.cat([own[i], one, total]) @ update))
     hidden = torch.relu(torch.stack(states).mean(0) @ w["readout.weight"] + w["readout.bias"][0])
     return (hidden @ w["logit.weight"] + w["logit.bias"][0])[0]
 
@@ -153,7 +155,8 @@ def test_in_tgn_no_block_hears_from_the_bottom_one(name: str, heard: bool) -> No
     graph = prefix_graph(3, name == "fcgn", True, x.device)
     network = make(name, members=1)
     pairs = (network.prepare(v, whole=True).pairs for v in (x, changed))
-    before, after = (network.messages(p, graph)[:, graph.block > 0] for p in pairs)
+    listening = graph.block[: len(graph.received)]
+    before, after = (network.messages(p, graph)[:, listening > 0] for p in pairs)
     assert torch.allclose(before, after) is not heard
 
 

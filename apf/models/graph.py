@@ -29,11 +29,11 @@ class PrefixMessages(MessagePassing):
 
     def __init__(self, members: int, n_own: int, n_position: int, hidden: int) -> None:
         super().__init__(aggr="sum", node_dim=-3)
-        self.first = EnsembleLinear(members, 2 * n_own + n_position, hidden)
+        self.first = EnsembleLinear(members, 2 * n_own + n_position + 1, hidden, last_is_one=True)
         self.middle = EnsembleLinear(members, hidden, hidden)
 
     def forward(self, pairs: Tensor, graph: PrefixGraph) -> Tensor:
-        """Features of all pairs [E, P x N, 2 (F - D) + D] -> [E, S, N x H]: what each slot receives."""
+        """Features of all pairs [E, P x N, 2 (F - D) + D + 1] -> [E, L x N, H]: what each slot receives."""
         return self.propagate(graph.edges, pairs=pairs, received=graph.received)
 
     def message(self, pairs: Tensor) -> Tensor:
@@ -41,7 +41,7 @@ class PrefixMessages(MessagePassing):
         return self.middle(self.first(pairs).relu_()).relu_()
 
     def aggregate(self, inputs: Tensor, received: Tensor) -> Tensor:
-        """[E, P x N, H] -> [E, S, N x H]: sums over the edges into each slot, as one product with a 0/1 matrix."""
+        """[E, P x N, H] -> [E, L x N, H]: sums over the edges into each slot, as one product with a 0/1 matrix."""
         return mix_nodes(received, inputs)
 
     def vjp(self, pairs: Tensor, graph: PrefixGraph) -> tuple[Tensor, Backward]:
@@ -50,7 +50,7 @@ class PrefixMessages(MessagePassing):
         messages = self.middle(first).relu_()
 
         def backward(gradient: Tensor) -> list[Tensor]:
-            gradient = relu_backward_(mix_nodes(graph.received.mT, gradient).view_as(messages), messages)
+            gradient = relu_backward_(mix_nodes(graph.received.mT, gradient), messages)
             of_middle = self.middle.gradients(first, gradient)
             gradient = relu_backward_(self.middle.input_gradient(gradient), first)
             return [*self.first.gradients(pairs, gradient), *of_middle]
@@ -60,18 +60,17 @@ class PrefixMessages(MessagePassing):
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
-    """What is known of N plans before any weight: features side by side for each edge, slot and block alone.
+    """What is known of N plans before any weight: features side by side for each edge and slot.
 
     E is 1 where all members are shown the same plans. D of the F features are a position.
-    pairs: [E, P x N, 2 (F - D) + D] of source, target, and where the one lies, seen from the other.
-    slots: [E, S x N, F - D + 1] of the block, and how many messages it receives. alone: [E, A x N, F - D].
+    pairs: [E, P x N, 2 (F - D) + D + 1] of source, target, where the one lies, seen from the other, and 1.
+    slots: [E, S x N, F - D + 2] of the block, 1, and how many messages it receives.
     """
 
     graph: PrefixGraph
     plans: int
     pairs: Tensor
     slots: Tensor
-    alone: Tensor
 
 
 class GraphNetwork(EnsembleNetwork):
@@ -94,9 +93,9 @@ class GraphNetwork(EnsembleNetwork):
         self.messages = PrefixMessages(members, n_own, n_position, hidden)
         if generated := sys.modules.get(f"{__name__}_PrefixMessages_propagate"):  # from a file that nobody cleans up
             Path(str(generated.__file__)).unlink(missing_ok=True)
-        self.last = EnsembleLinear(members, hidden, hidden)
+        self.last = EnsembleLinear(members, hidden + 1, hidden, last_is_one=True)
         self.update_messages = EnsembleLinear(members, hidden, hidden, bias=False, fan_in=n_own + hidden)
-        self.update_own = EnsembleLinear(members, n_own, hidden, fan_in=n_own + hidden)
+        self.update_own = EnsembleLinear(members, n_own + 1, hidden, last_is_one=True, fan_in=n_own + hidden)
         self.readout = EnsembleLinear(members, hidden, hidden)
         self.logit = EnsembleLinear(members, hidden, 1)
 
@@ -112,48 +111,39 @@ class GraphNetwork(EnsembleNetwork):
         own, position = x.split([self.n_own, x.shape[-1] - self.n_own], -1)
         source, target = graph.edges
         seen = position.index_select(1, source) - position.index_select(1, target)
-        pairs = torch.cat([own.index_select(1, source), own.index_select(1, target), seen], -1)
-        slots = torch.cat([own.index_select(1, graph.block), graph.n_received.expand(e, -1, n, 1)], -1)
-        alone = own.index_select(1, graph.alone)
-        return Prepared(graph, n, pairs.flatten(1, 2), slots.flatten(1, 2), alone.flatten(1, 2))
+        one = x.new_ones(e, 1, n, 1)
+        pairs = [own.index_select(1, source), own.index_select(1, target), seen, one.expand(-1, len(source), -1, -1)]
+        number = graph.n_received.expand(e, -1, n, 1)
+        slots = [own.index_select(1, graph.block), one.expand_as(number), number]
+        return Prepared(graph, n, torch.cat(pairs, -1).flatten(1, 2), torch.cat(slots, -1).flatten(1, 2))
 
     def batcher(self, x: Tensor, whole: bool = False) -> Callable[[Tensor], Prepared]:
-        """As `EnsembleNetwork.batcher`: examples are prepared once, and lie plan by plan to be gathered fast."""
+        """As `EnsembleNetwork.batcher`: examples are prepared once, and gathered."""
         prepared = self.prepare(x[None], whole)
-        parts = [part.view(-1, len(x), part.shape[2]) for part in (prepared.pairs, prepared.slots, prepared.alone)]
-        shapes = [(len(part), part.shape[2]) for part in parts]
-        widths = [nodes * features for nodes, features in shapes]
-        by_plan = x.new_empty(len(x), sum(widths))
-        for place, shape, part in zip(by_plan.split(widths, 1), shapes, parts, strict=True):
-            place.view(len(x), *shape).copy_(part.transpose(0, 1))
-        graph = prepared.graph
 
-        def batch(rows: Tensor) -> Prepared:
-            e, n = rows.shape
-            drawn = by_plan.index_select(0, rows.flatten()).view(e, n, -1).split(widths, 2)
-            shaped = (part.view(e, n, *shape) for part, shape in zip(drawn, shapes, strict=True))
-            return Prepared(graph, n, *(part.transpose(1, 2).flatten(1, 2) for part in shaped))
+        def gatherer(part: Tensor) -> Callable[[Tensor], Tensor]:
+            """Of what is known of nodes [1, nodes x M, features]: the rows [E, N] -> [E, nodes x N, features]."""
+            first = torch.arange(0, part.shape[1], len(x), device=x.device)[:, None]
+            return lambda rows: (
+                part[0].index_select(0, (first + rows[:, None]).view(-1)).view(len(rows), -1, part.shape[2])
+            )
 
-        return batch
+        pairs, slots = gatherer(prepared.pairs), gatherer(prepared.slots)
+        return lambda rows: Prepared(prepared.graph, rows.shape[1], pairs(rows), slots(rows))
 
     def logits_of(self, prepared: Prepared) -> Tensor:
         """[E, N, K - 1], or [E, N, 1] of the whole plans."""
-        graph = prepared.graph
-        weight, bias = self.last.then(self.update_messages)
-        slots = self.update_own(prepared.slots, bias)
-        slots = slots.baddbmm_(self.messages(prepared.pairs, graph).view_as(slots), weight).relu_()
-        alone = None if self.both_ways else self.update_own(prepared.alone).relu_()
-        logits = self.logit(self.readout(self._average(graph, slots, alone)).relu_())
+        received = self.messages(prepared.pairs, prepared.graph)
+        slots, _ = self._update(prepared, received)
+        logits = self.logit(self.readout(mix_nodes(prepared.graph.mean, slots)).relu_())
         return logits.view(len(slots), -1, prepared.plans).transpose(1, 2)
 
-    def _average(self, graph: PrefixGraph, slots: Tensor, alone: Tensor | None) -> Tensor:
-        """What is known of blocks -> [E, R x N, H], means over the blocks of each prefix."""
-        if alone is None:
-            mean = mix_nodes(graph.mean, slots)
-        else:
-            of_slots = graph.mean.expand(len(slots), -1, -1), slots.view(len(slots), len(graph.block), -1)
-            mean = mix_nodes(graph.mean_alone, alone).baddbmm_(*of_slots)
-        return mean.view(len(slots), -1, self.hidden)
+    def _update(self, prepared: Prepared, received: Tensor) -> tuple[Tensor, Tensor]:
+        """The sums of messages [E, L x N, H] -> what is known of each slot [E, S x N, H], and what acted on them."""
+        of_sum, of_number = torch.bmm(self.last.weight, self.update_messages.weight).split([self.hidden, 1], 1)
+        slots = self.update_own(prepared.slots, of_number)
+        slots[:, : received.shape[1]].baddbmm_(received, of_sum)
+        return slots.relu_(), of_sum
 
     def vjp(self, prepared: Prepared) -> tuple[Tensor, Backward]:
         """As `EnsembleNetwork.vjp`, by hand; a subclass with another `logits_of` is left to autograd."""
@@ -165,12 +155,8 @@ class GraphNetwork(EnsembleNetwork):
         """What `logits_of` computes, and its way back, without what autograd spends between products of this size."""
         graph = prepared.graph
         received, backward_messages = self.messages.vjp(prepared.pairs, graph)
-        weight, bias = self.last.then(self.update_messages)
-        slots = self.update_own(prepared.slots, bias)
-        received = received.view_as(slots)
-        slots = slots.baddbmm_(received, weight).relu_()
-        alone = None if self.both_ways else self.update_own(prepared.alone).relu_()
-        prefixes = self._average(graph, slots, alone)
+        slots, of_sum = self._update(prepared, received)
+        prefixes = mix_nodes(graph.mean, slots)
         read = self.readout(prefixes).relu_()
         logits = self.logit(read)
 
@@ -180,17 +166,15 @@ class GraphNetwork(EnsembleNetwork):
             of_logit = self.logit.gradients(read, gradient)
             gradient = relu_backward_(self.logit.input_gradient(gradient), read)
             of_readout = self.readout.gradients(prefixes, gradient)
-            of_prefixes = self.readout.input_gradient(gradient)
-            gradient = relu_backward_(mix_nodes(graph.mean.mT, of_prefixes).view_as(slots), slots)
-            of_own_and_n, of_own_bias = self.update_own.gradients(prepared.slots, gradient)
-            of_own, of_bias = of_own_and_n.split([self.n_own, 1], 1)
-            of_last = self.last.gradients_then(self.update_messages, torch.bmm(received.mT, gradient), of_bias)
-            of_messages = backward_messages(torch.bmm(gradient, weight.mT))
-            if alone is not None:
-                gradient = relu_backward_(mix_nodes(graph.mean_alone.mT, of_prefixes).view_as(alone), alone)
-                of_alone, of_alone_bias = self.update_own.gradients(prepared.alone, gradient)
-                of_own, of_own_bias = of_own + of_alone, of_own_bias + of_alone_bias
-            return [*of_messages, *of_last, of_own, of_own_bias, *of_readout, *of_logit]
+            gradient = relu_backward_(mix_nodes(graph.mean.mT, self.readout.input_gradient(gradient)), slots)
+            (of_own_and_number,) = self.update_own.gradients(prepared.slots, gradient)
+            of_own, of_number = of_own_and_number.split([self.n_own + 1, 1], 1)
+            gradient = gradient[:, : received.shape[1]]
+            of_both = torch.cat([torch.bmm(received.mT, gradient), of_number], 1)
+            of_last = torch.bmm(of_both, self.update_messages.weight.mT)
+            of_update = torch.bmm(self.last.weight.mT, of_both)
+            of_messages = backward_messages(torch.bmm(gradient, of_sum.mT))
+            return [*of_messages, of_last, of_update, of_own, *of_readout, *of_logit]
 
         return logits.view(len(slots), -1, prepared.plans).transpose(1, 2), backward
 

@@ -12,32 +12,40 @@ GAIN = math.sqrt(2)
 """Weights start so many times as large as in `nn.Linear`. With its own, what a member says of any plan is the same for
 the first hundred updates; some then never leave that plateau."""
 
+_threshold_backward = torch.ops.aten.threshold_backward.grad_input
+
 
 class EnsembleLinear(nn.Module):
     """E independent affine maps, one per member.
 
     Weights start uniform in +-GAIN/sqrt(fan_in), biases in +-1/sqrt(fan_in).
+    last_is_one: the last of the n_in inputs is always 1, so that the last row of the weights is a bias.
     fan_in: number of inputs that decides the initial range, where a layer on concatenated inputs is split
-    into one `EnsembleLinear` per input; `n_in` by default.
+    into one `EnsembleLinear` per input; by default all but a 1.
     """
 
-    def __init__(self, members: int, n_in: int, n_out: int, bias: bool = True, fan_in: int | None = None) -> None:
+    def __init__(
+        self,
+        members: int,
+        n_in: int,
+        n_out: int,
+        *,
+        bias: bool = True,
+        last_is_one: bool = False,
+        fan_in: int | None = None,
+    ) -> None:
         super().__init__()
-        self.bound = 1 / math.sqrt(fan_in or n_in)
+        self.n_varying = n_in - last_is_one
+        self.bound = 1 / math.sqrt(fan_in or self.n_varying)
         self.weight = nn.Parameter(torch.empty(members, n_in, n_out))
-        self.bias = nn.Parameter(torch.empty(members, 1, n_out)) if bias else None
+        self.bias = nn.Parameter(torch.empty(members, 1, n_out)) if bias and not last_is_one else None
 
     def reset(self, member: int, generator: torch.Generator) -> None:
         """Draw the initial weights of one member from its own generator."""
-        for parameter, bound in ((self.weight, GAIN * self.bound), (self.bias, self.bound)):
-            if parameter is not None:
-                nn.init.uniform_(parameter.data[member], -bound, bound, generator=generator)
-
-    def then(self, linear: "EnsembleLinear") -> tuple[Tensor, Tensor]:
-        """Weight [E, in, out] and bias [E, 1, out] of this map followed by a linear one (whose bias is left out)."""
-        if self.bias is None:
-            return torch.bmm(self.weight, linear.weight), self.weight.new_zeros(1)
-        return torch.bmm(self.weight, linear.weight), torch.bmm(self.bias, linear.weight)
+        weight, last = self.weight.data[member].tensor_split([self.n_varying])
+        bias = last if self.bias is None else self.bias.data[member]
+        nn.init.uniform_(weight, -GAIN * self.bound, GAIN * self.bound, generator=generator)
+        nn.init.uniform_(bias, -self.bound, self.bound, generator=generator)
 
     def forward(self, x: Tensor, more: Tensor | None = None) -> Tensor:
         """[E, N, in], or [1, N, in] for all members -> [E, N, out], a new tensor that may be changed in place.
@@ -59,19 +67,10 @@ class EnsembleLinear(nn.Module):
         back = self.weight.mT
         return gradient * back if gradient.shape[2] == 1 else torch.bmm(gradient, back)
 
-    def gradients_then(self, linear: "EnsembleLinear", of_weight: Tensor, of_bias: Tensor) -> list[Tensor]:
-        """Of weight, bias and the weight of `linear`, from the gradients of what `then` returned."""
-        back = linear.weight.mT
-        of_linear = torch.bmm(self.weight.mT, of_weight)
-        if self.bias is None:
-            return [torch.bmm(of_weight, back), of_linear]
-        of_linear += torch.bmm(self.bias.mT, of_bias)
-        return [torch.bmm(of_weight, back), torch.bmm(of_bias, back), of_linear]
-
 
 def relu_backward_(gradient: Tensor, output: Tensor) -> Tensor:
     """Gradient of the output of a ReLU -> of its input, in place."""
-    return torch.ops.aten.threshold_backward.grad_input(gradient, output, 0, grad_input=gradient)
+    return _threshold_backward(gradient, output, 0, grad_input=gradient)
 
 
 Backward = Callable[[Tensor], Sequence[Tensor]]
