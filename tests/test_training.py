@@ -28,7 +28,7 @@ def labelled(length: int, n: int, seed: int) -> Labelled:
     return Labelled(plans, AnalyticWorld().execute(plans, np.random.default_rng(0)))
 
 
-def ensemble(kind: Kind = Kind.SUBSEQUENCE, members: int = 3, odds: float = 1.0, **training: float) -> Ensemble:
+def ensemble(kind: Kind = Kind.SUBSEQUENCE, members: int = 3, odds: float = 1.0, **training: float | None) -> Ensemble:
     settings = EnsembleSettings(members=members, network=partial(TowersGraphNetwork, hidden=16))
     return Ensemble(settings, kind, DOMAIN, Training(**({"updates": 20} | training)), torch.device("cpu"), odds)
 
@@ -134,6 +134,26 @@ def test_stopped_early_each_member_keeps_the_weights_of_its_own_best_check(monke
     for number, weight in enumerate(model.network.parameters()):
         for member, check in enumerate([1, 2]):
             assert torch.equal(weight[member], seen[check][number][member])
+
+
+def test_patience_ends_early_stopping_when_no_member_has_improved_for_so_long() -> None:
+    parts = [labelled(2, 20, 1)], [labelled(2, 8, 2)]
+    full, short = (
+        ensemble(members=2, updates=20 * CHECK, early_stopping=True, patience=patience).fit(
+            *parts, np.random.default_rng(0)
+        )
+        for patience in (None, 2 * CHECK)
+    )
+    checks = len(short.validation_loss)
+    assert checks < len(full.validation_loss) == 20
+    np.testing.assert_array_equal(short.validation_loss, full.validation_loss[:checks])
+    np.testing.assert_array_equal(short.kept, short.validation_loss.argmin(0))
+    assert short.kept.max() == checks - 1 - 2
+
+
+def test_without_early_stopping_there_is_no_patience() -> None:
+    history = ensemble(updates=4 * CHECK, patience=CHECK).fit([labelled(2, 20, 1)], [], np.random.default_rng(0))
+    assert len(history.train_loss) == 4
 
 
 def test_without_early_stopping_all_plans_are_trained_on_and_the_last_weights_kept() -> None:

@@ -52,10 +52,14 @@ class EnsembleLinear(nn.Module):
 
         more: [E, m, out] weights of m further inputs, which are the last of x.
         """
-        weight = self.weight if more is None else torch.cat([self.weight, more], 1)
-        if len(x) < len(weight):
-            x = x.expand(len(weight), -1, -1)
-        return torch.bmm(x, weight) if self.bias is None else torch.baddbmm(self.bias, x, weight)
+        weight, bias = self.weight, self.bias
+        if more is not None:
+            weight = torch.cat([weight, more], 1)
+        if x.shape[0] < weight.shape[0]:
+            x = x.expand(weight.shape[0], -1, -1)
+        return torch.bmm(x, weight) if bias is None else torch.baddbmm(bias, x, weight)
+
+    __call__ = forward  # without hooks: looking for them takes as long as a small product
 
     def gradients(self, x: Tensor, gradient: Tensor) -> list[Tensor]:
         """Of weight (with that of more inputs) and bias, if x went in and `gradient` [E, N, out] is the output's."""

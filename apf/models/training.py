@@ -45,6 +45,8 @@ class Training:
     """Share of the running mean of weights that an update leaves as it was; 0: no mean."""
     early_stopping: bool = False
     """Hold out the validation plans, and keep each member's weights of their lowest loss (Section Learning)?"""
+    patience: PositiveInt | None = None
+    """Updates after the last of these lowest losses, of whichever member, until such a training ends; None: all."""
 
 
 @dataclass(frozen=True)
@@ -127,6 +129,9 @@ def fit(
                 kept_weights.copy_(mean)
             losses.append(loss.numpy())
             answers.clear()
+            since_lowest = CHECK * (len(losses) - 1 - int(kept.max()))
+            if training.patience and since_lowest >= training.patience:
+                break
     network.use(kept_weights)
     train_losses, validation_losses = np.stack(losses, 1)
     return History(train_losses, validation_losses, kept.numpy())
