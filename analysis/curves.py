@@ -23,11 +23,16 @@ def draw(
     parser.add_argument(
         "--out", type=Path, help=f"where to write: STEM.pdf, STEM.png, STEM.csv (default: {name} in the first DIR)"
     )
+    parser.add_argument("--until", type=int, metavar="TOWERS", help="leave out what came after so many labelled towers")
     arguments = parser.parse_args()
     with one_line_errors():
         curves = curves_of(gather(finished_runs(arguments.directories), name))
         if curves.empty:
             raise InputError(f"the runs hold no {name}: their config asked for none, or no candidate tower could stand")
+        if arguments.until is not None:
+            first, curves = curves["towers"].min(), curves[curves["towers"] <= arguments.until]
+            if curves.empty:
+                raise InputError(f"--until {arguments.until}: the first evaluation came at {first} towers")
         paths = save(plot(curves), curves, arguments.out or arguments.directories[0] / name)
     groups = curves.groupby("group", sort=False)["runs"].max()
     print("; ".join(f"{group}: {runs} run{'s' * (runs > 1)}" for group, runs in groups.items()))

@@ -92,11 +92,13 @@ def _panels(
     style: Any = {"font.size": 8, "axes.titlesize": 9, "axes.labelsize": 8, "legend.fontsize": 8, "pdf.fonttype": 42}
     with sns.axes_style("ticks", {"axes.grid": True, "grid.color": "0.92"}), mpl.rc_context(style):
         width, height = PANEL
-        legend_rows = -(-len(groups) // 6) if len(groups) > 1 else 0
         cells = [(quantity, curves, value) for quantity, curves in rows.items() for value in titles]
         columns = -(-len(titles) // 2) if len(rows) == 1 and len(titles) > 4 else len(titles)
         depth = -(-len(cells) // columns)
-        size = (width * columns + 0.3, height * depth + 0.2 * legend_rows)
+        entry = 0.5 + 0.062 * max(map(len, groups))  # of the legend [inch], about
+        abreast = min(6, max(1, int(width * columns / entry)))
+        legend_rows = -(-len(groups) // abreast) if len(groups) > 1 else 0
+        size = (max(width * columns, entry) + 0.3, height * depth + 0.2 * legend_rows)
         figure, grid = plt.subplots(
             depth, columns, figsize=size, sharex=True, sharey=True, squeeze=False, layout="constrained"
         )
@@ -123,5 +125,5 @@ def _panels(
         sns.despine(figure)
         if len(groups) > 1:
             handles, labels = panels[0].get_legend_handles_labels()
-            figure.legend(handles, labels, loc="outside upper center", ncols=min(6, len(groups)), frameon=False)
+            figure.legend(handles, labels, loc="outside upper center", ncols=min(abreast, len(groups)), frameon=False)
     return figure, panels

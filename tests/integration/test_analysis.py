@@ -100,6 +100,34 @@ def test_one_panel_for_each_task_and_length(sweep: Path, monkeypatch: pytest.Mon
         assert set(legends[name]) == {"sequential", "random_ss"}
 
 
+@pytest.mark.parametrize("labels", [["a", "b"], [f"training.learning_rate=1e-{i}, model.hidden=64" for i in range(7)]])
+def test_a_legend_fits_its_figure(labels: list[str]) -> None:
+    from apf.figures import accuracy_curves, plot_accuracy
+
+    table = pd.DataFrame({"group": labels, "run": range(len(labels))})
+    table = table.assign(length=2, towers=100, accuracy=0.9, auc=0.9)
+    figure = plot_accuracy(accuracy_curves(table))
+    figure.canvas.draw()
+    box, (legend,) = figure.bbox, figure.legends
+    drawn = legend.get_window_extent()
+    assert box.x0 <= drawn.x0 < drawn.x1 <= box.x1
+    assert box.y0 <= drawn.y0 < drawn.y1 <= box.y1
+
+
+@pytest.mark.slow
+def test_curves_can_end_early(sweep: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    whole, short = tmp_path / "whole", tmp_path / "short"
+    plot(monkeypatch, "accuracy", sweep / "runs" / "mine", "--out", whole)
+    plot(monkeypatch, "accuracy", sweep / "runs" / "mine", "--out", short, "--until", "10")
+    drawn = pd.read_csv(whole.with_suffix(".csv"))
+    pd.testing.assert_frame_equal(
+        pd.read_csv(short.with_suffix(".csv")), drawn[drawn["towers"] == 10].reset_index(drop=True)
+    )
+    with pytest.raises(SystemExit) as stop:
+        plot(monkeypatch, "accuracy", sweep / "runs" / "mine", "--out", short, "--until", "9")
+    assert stop.value.code == "error: --until 9: the first evaluation came at 10 towers"
+
+
 @pytest.mark.slow
 def test_single_runs_can_be_given_and_count_once(
     sweep: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture, tmp_path: Path
