@@ -118,18 +118,19 @@ class GraphNetwork(EnsembleNetwork):
         return Prepared(graph, n, torch.cat(pairs, -1).flatten(1, 2), torch.cat(slots, -1).flatten(1, 2))
 
     def batcher(self, x: Tensor, whole: bool = False) -> Callable[[Tensor], Prepared]:
-        """As `EnsembleNetwork.batcher`: examples are prepared once, and gathered."""
+        """As `EnsembleNetwork.batcher`: examples are prepared once, and lie plan by plan to be gathered fast."""
         prepared = self.prepare(x[None], whole)
+        parts = [part.view(-1, len(x), part.shape[2]).transpose(0, 1) for part in (prepared.pairs, prepared.slots)]
+        nodes = [part.shape[1:] for part in parts]
+        by_plan = torch.cat([part.flatten(1) for part in parts], 1)
+        widths = [shape.numel() for shape in nodes]
 
-        def gatherer(part: Tensor) -> Callable[[Tensor], Tensor]:
-            """Of what is known of nodes [1, nodes x M, features]: the rows [E, N] -> [E, nodes x N, features]."""
-            first = torch.arange(0, part.shape[1], len(x), device=x.device)[:, None]
-            return lambda rows: (
-                part[0].index_select(0, (first + rows[:, None]).view(-1)).view(len(rows), -1, part.shape[2])
-            )
+        def batch(rows: Tensor) -> Prepared:
+            drawn = by_plan.index_select(0, rows.flatten()).view(*rows.shape, -1).split(widths, 2)
+            shaped = (part.view(*rows.shape, *shape) for part, shape in zip(drawn, nodes, strict=True))
+            return Prepared(prepared.graph, rows.shape[1], *(part.transpose(1, 2).flatten(1, 2) for part in shaped))
 
-        pairs, slots = gatherer(prepared.pairs), gatherer(prepared.slots)
-        return lambda rows: Prepared(prepared.graph, rows.shape[1], pairs(rows), slots(rows))
+        return batch
 
     def logits_of(self, prepared: Prepared) -> Tensor:
         """[E, N, K - 1], or [E, N, 1] of the whole plans."""

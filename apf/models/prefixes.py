@@ -51,7 +51,11 @@ def prefix_graph(length: int, both_ways: bool, whole: bool, device: torch.device
 
 
 def mix_nodes(weights: Tensor, x: Tensor) -> Tensor:
-    """Weighted sums over nodes: [M, nodes] x [E, nodes x N, H] -> [E, M x N, H]."""
+    """Weighted sums over nodes: [M, nodes] x [E, nodes x N, H] -> [E, M x N, H].
+
+    Weights of one node for one are those of a pair's only message, 1: x itself is returned.
+    """
+    if weights.numel() == 1:
+        return x
     by_node = x.view(len(x), weights.shape[1], -1)
-    mixed = by_node * weights if weights.numel() == 1 else torch.bmm(weights.expand(len(x), -1, -1), by_node)
-    return mixed.view(len(x), -1, x.shape[2])
+    return torch.bmm(weights.expand(len(x), -1, -1), by_node).view(len(x), -1, x.shape[2])
