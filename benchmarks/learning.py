@@ -28,7 +28,6 @@ from benchmarks.limits import products_with_weights, replay
 from benchmarks.setting import SEED, Setting
 from benchmarks.timing import Case, Target, Timed
 
-
 EPOCHS = 3
 """How many are trained to time one: what is done once a training is not an epoch's."""
 
@@ -82,7 +81,7 @@ def check_training(ensemble: Ensemble, train: list[Examples], samples: plain_lea
     for part in batch:
         x, y = torch.from_numpy(part.x), torch.from_numpy(part.y)
         rows = torch.arange(len(x)).expand(ensemble.members, -1)
-        logits, backward = network.vjp(network.batcher(x)(rows))
+        logits, backward = network.vjp()(network.batcher(x)(rows))
         loss = loss + cross_entropy(logits, y.expand_as(logits)).sum((1, 2)) / labels
         for gradient, of_part in zip(gradients.values(), backward((logits.sigmoid() - y) / labels), strict=True):
             gradient += of_part

@@ -120,7 +120,7 @@ def test_all_members_see_the_same_plans_as_each_would_its_own(name: str, whole: 
 def test_each_member_learns_from_its_own_examples_as_autograd_says(name: str, whole: bool, length: int) -> None:
     network, x = make(name), torch.randn(12, length, F)
     rows = torch.stack([torch.randperm(12)[:4] for _ in range(MEMBERS)])
-    logits, backward = network.vjp(network.batcher(x, whole)(rows))
+    logits, backward = network.vjp()(network.batcher(x, whole)(rows))
     of_logits = torch.randn(logits.shape)
     expected = network(x[rows], whole)
     gradients = torch.autograd.grad(expected, list(network.parameters()), of_logits, materialize_grads=True)
@@ -143,7 +143,7 @@ def test_a_subclass_with_other_logits_learns_from_them() -> None:
 
 
 def backward_of(network: EnsembleNetwork, x: torch.Tensor) -> Sequence[torch.Tensor]:
-    logits, backward = network.vjp(network.prepare(x))
+    logits, backward = network.vjp()(network.prepare(x))
     return backward(torch.ones_like(logits))
 
 

@@ -14,6 +14,7 @@ from torch import nn
 from apf.data import Kind, Labelled, examples
 from apf.models import Ensemble, EnsembleNetwork, EnsembleSettings, LSTMNetwork, TowersGraphNetwork, Training
 from apf.models import training as training_module
+from apf.models.graph import Prepared
 from apf.models.optimiser import AdamW
 from apf.models.training import CHECK, _batches, batches_of, fit, validation_loss
 from apf.towers import TowerDomain, Towers, random_towers, standing_prefixes
@@ -232,6 +233,23 @@ def test_members_train_the_same_alone_and_together() -> None:
         history = fit(model.network, *parts, model.training, mine, torch.Generator(), plans=40)
         losses.append(history.train_loss[-1, members.index(1)])
     np.testing.assert_allclose(*losses, rtol=1e-4)
+
+
+class LeftToAutograd(TowersGraphNetwork):
+    def logits_of(self, prepared: Prepared) -> torch.Tensor:
+        return super().logits_of(prepared)
+
+
+def test_written_out_a_network_trains_as_autograd_would_train_it() -> None:
+    """Also after many updates: what was looked up at the start follows the weights."""
+    kept = []
+    for network in (TowersGraphNetwork, LeftToAutograd):
+        settings = EnsembleSettings(members=2, network=partial(network, hidden=16))
+        model = Ensemble(settings, Kind.SUBSEQUENCE, DOMAIN, Training(updates=60), torch.device("cpu"))
+        model.fit([labelled(2, 30, 1), labelled(4, 20, 2)], [], np.random.default_rng(0))
+        kept.append(list(model.network.parameters()))
+    for ours, autograds in zip(*kept, strict=True):
+        torch.testing.assert_close(ours, autograds, rtol=1e-3, atol=1e-4)
 
 
 def test_validation_loss_is_the_mean_cross_entropy_of_all_labels() -> None:

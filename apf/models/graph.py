@@ -14,7 +14,8 @@ from pydantic import PositiveInt, validate_call
 from torch import Tensor
 
 from apf.imports import put_off
-from apf.models.layers import Backward, EnsembleLinear, EnsembleNetwork, relu_backward_
+from apf.models.graph_vjp import written_out
+from apf.models.layers import VJP, EnsembleLinear, EnsembleNetwork
 from apf.models.prefixes import PrefixGraph, mix_nodes, prefix_graph
 
 with put_off("torch._dynamo"):  # the compiler: two of five seconds of a start
@@ -43,19 +44,6 @@ class PrefixMessages(MessagePassing):
     def aggregate(self, inputs: Tensor, received: Tensor) -> Tensor:
         """[E, P x N, H] -> [E, L x N, H]: sums over the edges into each slot, as one product with a 0/1 matrix."""
         return mix_nodes(received, inputs)
-
-    def vjp(self, pairs: Tensor, graph: PrefixGraph) -> tuple[Tensor, Backward]:
-        """What `forward` returns, and the way back to the gradients of first and middle layer."""
-        first = self.first(pairs).relu_()
-        messages = self.middle(first).relu_()
-
-        def backward(gradient: Tensor) -> list[Tensor]:
-            gradient = relu_backward_(mix_nodes(graph.received.mT, gradient), messages)
-            of_middle = self.middle.gradients(first, gradient)
-            gradient = relu_backward_(self.middle.input_gradient(gradient), first)
-            return [*self.first.gradients(pairs, gradient), *of_middle]
-
-        return mix_nodes(graph.received, messages), backward
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,49 +123,15 @@ class GraphNetwork(EnsembleNetwork):
     def logits_of(self, prepared: Prepared) -> Tensor:
         """[E, N, K - 1], or [E, N, 1] of the whole plans."""
         received = self.messages(prepared.pairs, prepared.graph)
-        slots, _ = self._update(prepared, received)
-        logits = self.logit(self.readout(mix_nodes(prepared.graph.mean, slots)).relu_())
-        return logits.view(len(slots), -1, prepared.plans).transpose(1, 2)
-
-    def _update(self, prepared: Prepared, received: Tensor) -> tuple[Tensor, Tensor]:
-        """The sums of messages [E, L x N, H] -> what is known of each slot [E, S x N, H], and what acted on them."""
         of_sum, of_number = torch.bmm(self.last.weight, self.update_messages.weight).split([self.hidden, 1], 1)
         slots = self.update_own(prepared.slots, of_number)
         slots[:, : received.shape[1]].baddbmm_(received, of_sum)
-        return slots.relu_(), of_sum
+        logits = self.logit(self.readout(mix_nodes(prepared.graph.mean, slots.relu_())).relu_())
+        return logits.view(len(slots), -1, prepared.plans).transpose(1, 2)
 
-    def vjp(self, prepared: Prepared) -> tuple[Tensor, Backward]:
+    def vjp(self) -> VJP:
         """As `EnsembleNetwork.vjp`, by hand; a subclass with another `logits_of` is left to autograd."""
-        by_hand = type(self).logits_of is GraphNetwork.logits_of
-        return self._vjp(prepared) if by_hand else super().vjp(prepared)
-
-    @torch.inference_mode()
-    def _vjp(self, prepared: Prepared) -> tuple[Tensor, Backward]:
-        """What `logits_of` computes, and its way back, without what autograd spends between products of this size."""
-        graph = prepared.graph
-        received, backward_messages = self.messages.vjp(prepared.pairs, graph)
-        slots, of_sum = self._update(prepared, received)
-        prefixes = mix_nodes(graph.mean, slots)
-        read = self.readout(prefixes).relu_()
-        logits = self.logit(read)
-
-        @torch.inference_mode()
-        def backward(gradient: Tensor) -> list[Tensor]:
-            gradient = gradient.transpose(1, 2).reshape_as(logits)
-            of_logit = self.logit.gradients(read, gradient)
-            gradient = relu_backward_(self.logit.input_gradient(gradient), read)
-            of_readout = self.readout.gradients(prefixes, gradient)
-            gradient = relu_backward_(mix_nodes(graph.mean.mT, self.readout.input_gradient(gradient)), slots)
-            (of_own_and_number,) = self.update_own.gradients(prepared.slots, gradient)
-            of_own, of_number = of_own_and_number.split([self.n_own + 1, 1], 1)
-            gradient = gradient[:, : received.shape[1]]
-            of_both = torch.cat([torch.bmm(received.mT, gradient), of_number], 1)
-            of_last = torch.bmm(of_both, self.update_messages.weight.mT)
-            of_update = torch.bmm(self.last.weight.mT, of_both)
-            of_messages = backward_messages(torch.bmm(gradient, of_sum.mT))
-            return [*of_messages, of_last, of_update, of_own, *of_readout, *of_logit]
-
-        return logits.view(len(slots), -1, prepared.plans).transpose(1, 2), backward
+        return written_out(self) if type(self).logits_of is GraphNetwork.logits_of else super().vjp()
 
 
 class TowersGraphNetwork(GraphNetwork):

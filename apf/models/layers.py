@@ -12,8 +12,6 @@ GAIN = math.sqrt(2)
 """Weights start so many times as large as in `nn.Linear`. With its own, what a member says of any plan is the same for
 the first hundred updates; some then never leave that plateau."""
 
-_threshold_backward = torch.ops.aten.threshold_backward.grad_input
-
 
 class EnsembleLinear(nn.Module):
     """E independent affine maps, one per member.
@@ -52,33 +50,17 @@ class EnsembleLinear(nn.Module):
 
         more: [E, m, out] weights of m further inputs, which are the last of x.
         """
-        weight, bias = self.weight, self.bias
-        if more is not None:
-            weight = torch.cat([weight, more], 1)
-        if x.shape[0] < weight.shape[0]:
-            x = x.expand(weight.shape[0], -1, -1)
-        return torch.bmm(x, weight) if bias is None else torch.baddbmm(bias, x, weight)
-
-    __call__ = forward  # without hooks: looking for them takes as long as a small product
-
-    def gradients(self, x: Tensor, gradient: Tensor) -> list[Tensor]:
-        """Of weight (with that of more inputs) and bias, if x went in and `gradient` [E, N, out] is the output's."""
-        of_weight = torch.bmm(x.mT, gradient)
-        return [of_weight] if self.bias is None else [of_weight, gradient.sum(1, keepdim=True)]
-
-    def input_gradient(self, gradient: Tensor) -> Tensor:
-        """Gradient of the output [E, N, out] -> of what went in [E, N, in]."""
-        back = self.weight.mT
-        return gradient * back if gradient.shape[2] == 1 else torch.bmm(gradient, back)
-
-
-def relu_backward_(gradient: Tensor, output: Tensor) -> Tensor:
-    """Gradient of the output of a ReLU -> of its input, in place."""
-    return _threshold_backward(gradient, output, 0, grad_input=gradient)
+        weight = self.weight if more is None else torch.cat([self.weight, more], 1)
+        if len(x) < len(weight):
+            x = x.expand(len(weight), -1, -1)
+        return torch.bmm(x, weight) if self.bias is None else torch.baddbmm(self.bias, x, weight)
 
 
 Backward = Callable[[Tensor], Sequence[Tensor]]
 """From the gradient of an output to those of the parameters, in their order."""
+
+VJP = Callable[[Any], tuple[Tensor, Backward]]
+"""Vector-Jacobian product: from prepared plans to logits, and the way back from there."""
 
 
 class EnsembleNetwork(nn.Module):
@@ -111,15 +93,19 @@ class EnsembleNetwork(nn.Module):
         x, whole = prepared
         return self(x.expand(len(next(self.parameters())), -1, -1, -1), whole)
 
-    def vjp(self, prepared: Any) -> tuple[Tensor, Backward]:
-        """Vector-Jacobian product: what `logits_of` says of each member's own plans, and the way back from there.
+    def vjp(self) -> VJP:
+        """What `logits_of` says of each member's own plans, and the way back; it holds until `use` moves the weights.
 
         By autograd; a network may know a faster way.
         """
         parameters = list(self.parameters())
-        with torch.enable_grad():
-            logits = self.logits_of(prepared)
-        return logits.detach(), partial(torch.autograd.grad, logits, parameters, materialize_grads=True)
+
+        def vjp(prepared: Any) -> tuple[Tensor, Backward]:
+            with torch.enable_grad():
+                logits = self.logits_of(prepared)
+            return logits.detach(), partial(torch.autograd.grad, logits, parameters, materialize_grads=True)
+
+        return vjp
 
     def split(self, vector: Tensor) -> list[Tensor]:
         """Views of a vector that holds a number for each weight of some members, shaped as the parameters are."""

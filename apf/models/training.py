@@ -104,9 +104,11 @@ def fit(
     answers: list[tuple[Tensor, Tensor]] = []  # logits and labels [E, B x P] since the last check
     drawn_from = [(network.batcher(x, _whole(x, y)), y) for x, y in train_groups]
     batches = _batches(drawn_from, training.batch, generators, turns)
+    vjp = network.vjp()
     for update, (prepared, y) in enumerate(islice(batches, training.updates), 1):
-        logits, gradients = _logits_and_gradients(network, prepared, y)
+        logits, backward = vjp(prepared)
         answers.append((logits.flatten(1), y.flatten(1)))
+        gradients = backward((logits.sigmoid() - y).mul_(members / y.numel()))  # of each member's mean cross-entropy
         optimiser.step(gradients, training.learning_rate * min(1.0, update / max(1, training.warmup)))
         mean.lerp_(weights, 1 - min(training.averaging, update / (update + 9)))
         if update % CHECK == 0 or update == training.updates:
@@ -152,15 +154,6 @@ def validation_loss(network: EnsembleNetwork, groups: Sequence[Group]) -> Tensor
     losses = (_loss(network.logits_of(network.prepare(x[None], _whole(x, y))), y) for x, y in groups)
     total = sum(loss.sum((1, 2)) for loss in losses)
     return torch.as_tensor(total) / sum(y.numel() for _, y in groups)
-
-
-def _logits_and_gradients(network: EnsembleNetwork, prepared: Any, y: Tensor) -> tuple[Tensor, Sequence[Tensor]]:
-    """What each member says [E, B, P], and the gradients of its mean cross-entropy by its weights.
-
-    Members share no weights: each learns from the mean over its own labels.
-    """
-    logits, backward = network.vjp(prepared)
-    return logits, backward((logits.sigmoid() - y).mul_(len(y) / y.numel()))
 
 
 def _batches(
