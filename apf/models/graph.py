@@ -130,8 +130,9 @@ class GraphNetwork(EnsembleNetwork):
         return logits.view(len(slots), -1, prepared.plans).transpose(1, 2)
 
     def vjp(self) -> VJP:
-        """As `EnsembleNetwork.vjp`, by hand; a subclass with another `logits_of` is left to autograd."""
-        return written_out(self) if type(self).logits_of is GraphNetwork.logits_of else super().vjp()
+        """As `EnsembleNetwork.vjp`, written out; a subclass that computes something else is left to autograd."""
+        known = type(self).logits_of is GraphNetwork.logits_of and type(self.messages) is PrefixMessages
+        return written_out(self) if known else super().vjp()
 
 
 class TowersGraphNetwork(GraphNetwork):
