@@ -109,4 +109,7 @@ def _varies_within(
 
 
 def _show(value: Any) -> str:
-    return "+".join(map(str, value)) if isinstance(value, list) else str(value)
+    """As one would write it on the command line; a list with + between its values."""
+    if isinstance(value, list):
+        return "+".join(map(_show, value))
+    return {"None": "null", "True": "true", "False": "false"}.get(str(value), str(value))

@@ -7,8 +7,9 @@ from dataclasses import dataclass, field
 from statistics import median
 from typing import Any
 
-ENOUGH = 0.5
-"""Seconds after which a round has seen enough of something short; its first time is with cold caches."""
+ENOUGH = 2
+"""Seconds after which a round has seen enough of something short: its first time is with cold caches, and others are
+while the machine is slow, which a median leaves out."""
 
 MOST = 20
 """How often a round does something very short."""

@@ -224,6 +224,14 @@ def test_a_nested_value_names_the_group() -> None:
     assert label_runs(runs) == ["world.noise=0.003"] * 2 + ["world.noise=0.01"] * 2
 
 
+def test_values_are_named_as_on_the_command_line() -> None:
+    trainings = {"early_stopping": True, "patience": 200}, {"early_stopping": True, "patience": None}
+    runs = [run(str(number), {"training": training}) for number, training in enumerate(trainings)]
+    assert label_runs(runs) == ["training.patience=200", "training.patience=null"]
+    runs = [run(str(stops), {"training": {"early_stopping": stops}}) for stops in (False, True)]
+    assert label_runs(runs) == ["training.early_stopping=false", "training.early_stopping=true"]
+
+
 def test_a_value_that_varies_within_an_option_is_named_beside_it() -> None:
     runs = [
         run("a", {"sampler": {"n": 10}}, sampler="greedy"),
