@@ -38,7 +38,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         for name in names:
             status.update(f"{name}: comparing the results with the reference's")
             case = OPERATIONS[name](setting)
-            rows.append(measure(case, status.update))
+            rows.append(measure(case, setting.sizes.enough, status.update))
             if not progress.is_terminal:
                 progress.print(f"{name}: {rows[-1].seconds:.3g} s", highlight=False)
             if options.csv:

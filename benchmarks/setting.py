@@ -24,6 +24,8 @@ class Sizes:
     """How much is done. *_reference: how much of it by the reference, whose time is then scaled up."""
 
     repetitions: int
+    enough: float
+    """Seconds of what is timed in each of these rounds."""
     towers: int
     """Random towers drawn, labelled, turned."""
     towers_reference: int
@@ -43,6 +45,7 @@ class Sizes:
 
 FULL = Sizes(
     repetitions=5,
+    enough=2,
     towers=100_000,
     towers_reference=500,
     labelled=400,
@@ -56,6 +59,7 @@ FULL = Sizes(
 )
 QUICK = Sizes(
     repetitions=3,
+    enough=0.3,
     towers=20_000,
     towers_reference=100,
     labelled=100,

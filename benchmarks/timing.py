@@ -7,12 +7,11 @@ from dataclasses import dataclass, field
 from statistics import median
 from typing import Any
 
-ENOUGH = 2
-"""Seconds after which a round has seen enough of something short: its first time is with cold caches, and others are
-while the machine is slow, which a median leaves out."""
+TURN = 0.1
+"""Seconds for which one side does its work before it is the next one's turn. The first time is with cold caches."""
 
-MOST = 20
-"""How often a round does something very short."""
+TIMES, TURNS = 20, 20
+"""How often a side does its work in a turn, and how many turns it has in a round, at most."""
 
 
 @dataclass(frozen=True)
@@ -26,10 +25,10 @@ class Timed:
     scale: float = 1.0
     setup: Callable[[], Any] | None = None
 
-    def seconds(self) -> float:
-        """The median of doing it as often as there is time for, with the garbage collector off as in `timeit`."""
+    def turn(self) -> list[float]:
+        """The seconds of each time in a turn, with the garbage collector off as in `timeit`."""
         seconds: list[float] = []
-        while sum(seconds) < ENOUGH and len(seconds) < MOST:
+        while sum(seconds) < TURN and len(seconds) < TIMES:
             prepared = () if self.setup is None else (self.setup(),)
             gc.disable()
             try:
@@ -38,7 +37,23 @@ class Timed:
                 seconds.append(time.perf_counter() - start)
             finally:
                 gc.enable()
-        return median(seconds) * self.scale
+        return seconds
+
+
+def medians(sides: Sequence[Timed], enough: float) -> list[float]:
+    """The median time of each side [s].
+
+    They take turns: what slows the machine for a while slows all sides. A side that has worked for `enough` seconds is
+    left out, and the first one's end is the end.
+    """
+    seconds: list[list[float]] = [[] for _ in sides]
+    for _ in range(TURNS):
+        for side, mine in zip(sides, seconds, strict=True):
+            if sum(mine) < enough:
+                mine += side.turn()
+        if sum(seconds[0]) >= enough:
+            break
+    return [median(mine) * side.scale for side, mine in zip(sides, seconds, strict=True)]
 
 
 @dataclass(frozen=True)
@@ -96,20 +111,21 @@ class Row:
     note: str = field(metadata={"csv": False})
 
 
-def measure(case: Case, on_progress: Callable[[str], None] = lambda what: None) -> Row:
-    """Time ours, the limit and the reference in turn, several times over.
+def measure(case: Case, enough: float, on_progress: Callable[[str], None] = lambda what: None) -> Row:
+    """Time ours, the limit and the reference, several rounds.
 
-    seconds is the median of ours. The ratios are medians over the rounds: what slows the machine for a while slows
-    both sides of a round.
+    enough: seconds of ours in a round. seconds, ratio and share are medians over the rounds.
     """
     ours, ratios, shares = [], [], []
     for repetition in range(case.repetitions):
         on_progress(f"{case.title}: round {repetition + 1} of {case.repetitions}")
-        ours.append(case.ours.seconds())
-        if case.limit:
-            shares.append(sum(part.seconds() for part in case.limit) / ours[-1])
-        if case.reference:
-            ratios.append(sum(part.seconds() for part in case.reference) / ours[-1])
+        mine, *others = medians([case.ours, *case.limit, *case.reference], enough)
+        limit, reference = others[: len(case.limit)], others[len(case.limit) :]
+        ours.append(mine)
+        if limit:
+            shares.append(sum(limit) / mine)
+        if reference:
+            ratios.append(sum(reference) / mine)
     seconds, rate = median(ours), case.amount / median(ours)
     ratio = median(ratios) if ratios else None
     share = median(shares) if shares else None

@@ -23,7 +23,7 @@ from benchmarks.learning import check_training, plain_members, plain_samples
 from benchmarks.limits import products_with_weights, replay
 from benchmarks.operations import check_towers, same_tower
 from benchmarks.setting import QUICK, Setting
-from benchmarks.timing import MOST, Case, Target, Timed, measure
+from benchmarks.timing import TIMES, TURN, TURNS, Case, Target, Timed, measure, medians
 
 ROOT = Path(__file__).parents[1]
 LOOSELY = 4
@@ -127,21 +127,50 @@ def test_the_limit_is_made_of_the_products_with_weights() -> None:
     replay(recorded)()
 
 
-def test_ratios_and_targets() -> None:
-    ticks = iter(range(1000))
+def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """A clock of one number, which stands still unless that is raised."""
+    now = [0.0]
+    monkeypatch.setattr("benchmarks.timing.time.perf_counter", lambda: now[0])
+    return now
 
-    def sleepless(times: int) -> Timed:
-        return Timed(lambda: [next(ticks) for _ in range(times)], scale=0.0)
 
-    case = Case("nothing", "units", 10, Timed(lambda fresh: fresh, setup=lambda: 1), Target(seconds=60), repetitions=3)
-    row = measure(case)
-    assert (row.reference_ratio, row.limit_share, row.holds) == (None, None, True)
-    assert not measure(replace(case, target=Target(rate=1e15))).holds
-    assert not measure(replace(case, target=Target(ratio=1))).holds  # no reference: cannot be shown to hold
-    row = measure(replace(case, reference=[sleepless(1), sleepless(2)], target=Target(ratio=0.5)))
-    assert row.reference_ratio == 0
-    assert not row.holds
-    assert next(ticks) == 9 * MOST
+def test_all_sides_take_turns(monkeypatch: pytest.MonkeyPatch) -> None:
+    now, done = clock(monkeypatch), []
+
+    def side(name: str, seconds: float, scale: float = 1) -> Timed:
+        def work() -> None:
+            done.append(name)
+            now[0] += seconds
+
+        return Timed(work, scale)
+
+    assert medians([side("o", 0.25, scale=2), side("l", 3), side("r", 7)], enough=0.7) == pytest.approx([0.5, 3, 7])
+    assert "".join(done) == "olroo"  # what has had enough is left out
+    done.clear()
+    assert medians([side("o", 0.25), side("l", 0.6 * TURN)], enough=1) == pytest.approx([0.25, 0.6 * TURN])
+    assert "".join(done) == "oll" * 4  # what is short is done for a turn
+    done.clear()
+    assert medians([side("o", 0)], enough=1) == [0]
+    assert len(done) == TIMES * TURNS
+
+
+def test_ratios_and_targets(monkeypatch: pytest.MonkeyPatch) -> None:
+    now = clock(monkeypatch)
+
+    def lasting(seconds: float) -> Timed:
+        return Timed(lambda fresh: now.__setitem__(0, now[0] + fresh), setup=lambda: seconds)
+
+    case = Case("nothing", "units", 10, lasting(2), Target(seconds=2), repetitions=3)
+    row = measure(case, 1)
+    assert (row.seconds, row.rate, row.reference_ratio, row.limit_share, row.holds) == (2, 5, None, None, True)
+    assert not measure(replace(case, target=Target(rate=5.1)), 1).holds
+    assert not measure(replace(case, target=Target(seconds=1.9)), 1).holds
+    assert not measure(replace(case, target=Target(ratio=1)), 1).holds  # no reference: cannot be shown to hold
+    both = replace(case, limit=[lasting(0.5), lasting(0.25)], reference=[lasting(8), lasting(12)])
+    row = measure(replace(both, target=Target(ratio=10, limit_share=0.375)), 1)
+    assert (row.reference_ratio, row.limit_share, row.holds) == (10, 0.375, True)
+    assert not measure(replace(both, target=Target(ratio=10.1)), 1).holds
+    assert not measure(replace(both, target=Target(limit_share=0.38)), 1).holds
     assert str(Target(ratio=10, limit_share=0.5)) == ">= 10 x reference, >= 0.5 of the limit"
 
 

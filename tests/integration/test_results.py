@@ -14,7 +14,7 @@ ANALYSES = {
     "architectures.csv": ("plot_accuracy.py", "runs/architectures", "--out", "architectures"),
     "regret_table.csv": ("table_regret.py", STRATEGIES, BASELINES, "runs/predictors", "--out", "regret_table.csv"),
     "claims.csv": ("claims.py", "runs", "--notes", RESULTS / "notes.yaml", "--out", "claims.csv"),
-    "early_stopping.csv": ("table_regret.py", "trials/early_stopping", "--out", "early_stopping.csv"),
+    "early_stopping_table.csv": ("table_regret.py", "trials/early_stopping", "--out", "early_stopping_table.csv"),
 }
 """By the file that it writes: a script, folders of `results`, and options."""
 
