@@ -18,7 +18,8 @@ _relu_backward = torch.ops.aten.threshold_backward.grad_input
 def written_out(network: "GraphNetwork") -> VJP:
     """What `GraphNetwork.logits_of` computes, and its way back, for weights that stay where they are.
 
-    Between products of this size autograd, and even looking weights up in their modules, takes as long as the products.
+    Products of this size are over so soon that autograd between them costs a tenth more time, and so does looking
+    weights up in their modules again and again.
     """
     message, hidden = network.messages, network.hidden
     layers = [message.first, message.middle, network.last, network.update_messages, network.update_own]
@@ -50,14 +51,13 @@ def written_out(network: "GraphNetwork") -> VJP:
         pairs, slots = prepared.pairs, prepared.slots
         received, received_back, mean, mean_back = mixes(prepared.graph)
         x1 = bmm(pairs, first).relu_()
-        x2 = baddbmm(middle_bias, x1, middle).relu_()
+        x2 = baddbmm(middle_bias, x1, middle).relu_()  # messages, all but their last layer
         heard = mix(received, x2)
         of_sum, of_number = bmm(last, update).split([hidden, 1], 1)
         x3 = bmm(slots, torch.cat([own, of_number], 1))
-        hearing = x3[:, : heard.shape[1]]
-        hearing.baddbmm_(heard, of_sum)
-        x3.relu_()
-        x4 = mix(mean, x3)
+        x3[:, : heard.shape[1]].baddbmm_(heard, of_sum)
+        x3.relu_()  # what is known of slots
+        x4 = mix(mean, x3)  # of prefixes
         x5 = baddbmm(readout_bias, x4, readout).relu_()
         logits = baddbmm(logit_bias, x5, logit)
 
