@@ -109,14 +109,19 @@ class GraphNetwork(EnsembleNetwork):
         """As `EnsembleNetwork.batcher`: examples are prepared once, and lie plan by plan to be gathered fast."""
         prepared = self.prepare(x[None], whole)
         parts = [part.view(-1, len(x), part.shape[2]).transpose(0, 1) for part in (prepared.pairs, prepared.slots)]
-        nodes = [part.shape[1:] for part in parts]
         by_plan = torch.cat([part.flatten(1) for part in parts], 1)
-        widths = [shape.numel() for shape in nodes]
+        (_, pairs, of_pair), (_, slots, of_slot) = (part.shape for part in parts)
+        width = by_plan.shape[1]
 
         def batch(rows: Tensor) -> Prepared:
-            drawn = by_plan.index_select(0, rows.flatten()).view(*rows.shape, -1).split(widths, 2)
-            shaped = (part.view(*rows.shape, *shape) for part, shape in zip(drawn, nodes, strict=True))
-            return Prepared(prepared.graph, rows.shape[1], *(part.transpose(1, 2).flatten(1, 2) for part in shaped))
+            e, n = rows.shape
+            drawn = by_plan.index_select(0, rows.flatten())
+
+            def by_node(start: int, nodes: int, features: int) -> Tensor:
+                shape, strides = (e, nodes, n, features), (n * width, features, width, 1)
+                return drawn.as_strided(shape, strides, start).flatten(1, 2)
+
+            return Prepared(prepared.graph, n, by_node(0, pairs, of_pair), by_node(pairs * of_pair, slots, of_slot))
 
         return batch
 

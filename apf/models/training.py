@@ -101,19 +101,20 @@ def fit(
     mean, kept_weights = weights.clone(), torch.empty_like(weights)
     lowest, kept = torch.full((members,), torch.inf), torch.zeros(members, dtype=torch.long)
     losses: list[np.ndarray] = []
-    answers: list[tuple[Tensor, Tensor]] = []  # logits and labels [E, B x P] since the last check
+    answers: list[tuple[Tensor, Tensor]] = []  # logits and labels [E, B, P] since the last check
     drawn_from = [(network.batcher(x, _whole(x, y)), y) for x, y in train_groups]
     batches = _batches(drawn_from, training.batch, generators, turns)
     vjp = network.vjp()
     for update, (prepared, y) in enumerate(islice(batches, training.updates), 1):
         logits, backward = vjp(prepared)
-        answers.append((logits.flatten(1), y.flatten(1)))
+        answers.append((logits, y))
         gradients = backward((logits.sigmoid() - y).mul_(members / y.numel()))  # of each member's mean cross-entropy
         optimiser.step(gradients, training.learning_rate * min(1.0, update / max(1, training.warmup)))
         mean.lerp_(weights, 1 - min(training.averaging, update / (update + 9)))
         if update % CHECK == 0 or update == training.updates:
             loss = torch.full((2, members), torch.nan)
-            loss[0] = _loss(*(torch.cat(part, 1) for part in zip(*answers, strict=True))).mean(1)
+            said, labels = (torch.cat([part.flatten(1) for part in parts], 1) for parts in zip(*answers, strict=True))
+            loss[0] = _loss(said, labels).mean(1)
             if validation:
                 with _weights(weights, mean):
                     loss[1] = validation_loss(network, validation_groups)
