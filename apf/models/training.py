@@ -173,10 +173,12 @@ def _batches(
         for prepare, y in groups:
             order = torch.stack([torch.randperm(len(y), generator=g) for g in generators]).to(y.device)
             n = batches_of(len(y), y.shape[1], batch)
-            epoch += [(prepare, y, rows) for rows in order.tensor_split(n, dim=1)]
+            for part in order.tensor_split(n, dim=1):
+                rows = part.contiguous()
+                epoch.append((prepare, rows, y.index_select(0, rows.view(-1)).view(*rows.shape, -1)))
         for i in torch.randperm(len(epoch), generator=turns).tolist():
-            prepare, y, rows = epoch[i]
-            yield prepare(rows), y.index_select(0, rows.reshape(-1)).view(*rows.shape, -1)
+            prepare, rows, labels = epoch[i]
+            yield prepare(rows), labels
 
 
 def batches_of(examples: int, labels: int, batch: int) -> int:

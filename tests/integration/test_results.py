@@ -14,9 +14,18 @@ ANALYSES = {
     "architectures.csv": ("plot_accuracy.py", "runs/architectures", "--out", "architectures"),
     "regret_table.csv": ("table_regret.py", STRATEGIES, BASELINES, "runs/predictors", "--out", "regret_table.csv"),
     "claims.csv": ("claims.py", "runs", "--notes", RESULTS / "notes.yaml", "--out", "claims.csv"),
+    "early_stopping.csv": (
+        "plot_regret.py",
+        "runs/strategies/sequential*seed1[01]*",
+        "trials/early_stopping/sequential*",
+        "--out",
+        "early_stopping",
+        "--until",
+        "400",
+    ),
     "early_stopping_table.csv": ("table_regret.py", "trials/early_stopping", "--out", "early_stopping_table.csv"),
 }
-"""By the file that it writes: a script, folders of `results`, and options."""
+"""By the file that it writes: a script, patterns of folders of `results`, and options."""
 
 
 @pytest.mark.slow
@@ -24,7 +33,7 @@ ANALYSES = {
 def test_an_analysis_once_more(name: str, tmp_path: Path) -> None:
     script, *words = ANALYSES[name]
     end = words.index("--notes" if "--notes" in words else "--out")
-    folders = [RESULTS / word for word in words[:end]]
+    folders = [path for word in words[:end] for path in sorted(RESULTS.glob(word))]
     spawn([ANALYSIS / script, *folders, *words[end:]], cwd=tmp_path).must_work()
     assert (tmp_path / name).read_bytes() == (RESULTS / name).read_bytes()
 
