@@ -91,9 +91,11 @@ def test_resume_of_nothing(here: Path, arguments: tuple[str, ...], words: tuple[
 
 def test_ctrl_c_says_how_to_go_on(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for number, code in ((signal.SIGINT, 130), (signal.SIGTERM, 143)):
+        before = signal.signal(number, signal.SIG_DFL)  # a shell's background job ignores Ctrl-C, and so do its tests
         with monkeypatch.context() as patch:
             stop_after(2, patch, lambda n=number: signal.raise_signal(n))
             result = call(*TINY, f"hydra.run.dir=run{code}")
+        signal.signal(number, before)
         assert result.code == code
         assert last_line(result) == f"interrupted; go on with: python -m apf.main resume={here / f'run{code}'}"
         assert "interrupted" in (here / f"run{code}" / "run.log").read_text()
