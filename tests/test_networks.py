@@ -8,7 +8,7 @@ import torch
 from torch import nn
 
 from apf.models import EnsembleLinear, EnsembleNetwork, FullyConnectedGraphNetwork, LSTMNetwork, TowersGraphNetwork
-from apf.models.graph import Prepared
+from apf.models.graph import PrefixMessages, Prepared
 from apf.models.prefixes import prefix_graph
 
 MEMBERS, F, D, H = 3, 10, 3, 8
@@ -134,12 +134,31 @@ def test_a_subclass_with_other_logits_learns_from_them() -> None:
         def logits_of(self, prepared: Prepared) -> torch.Tensor:
             return 2 * super().logits_of(prepared)
 
-    warm, cold = (kind(members=1, n_features=F, n_position=D, hidden=H) for kind in (TowersGraphNetwork, Colder))
-    warm.reset([torch.Generator().manual_seed(1)])
-    cold.load_state_dict(warm.state_dict())
     x = torch.randn(1, 4, 3, F)
+    warm, cold = (lone(kind) for kind in (TowersGraphNetwork, Colder))
     for ours, theirs in zip(*(backward_of(network, x) for network in (warm, cold)), strict=True):
         torch.testing.assert_close(2 * ours, theirs)
+
+
+def test_a_network_with_other_messages_learns_from_them() -> None:
+    class Louder(PrefixMessages):
+        def message(self, pairs: torch.Tensor) -> torch.Tensor:
+            return 2 * super().message(pairs)
+
+    network, x = lone(TowersGraphNetwork), torch.randn(1, 4, 3, F)
+    quiet = backward_of(network, x)
+    network.messages.__class__ = Louder
+    loud = torch.autograd.grad(network(x).sum(), list(network.parameters()), materialize_grads=True)
+    for ours, theirs in zip(backward_of(network, x), loud, strict=True):
+        torch.testing.assert_close(ours, theirs)
+    assert not torch.allclose(loud[0], quiet[0])
+
+
+def lone(kind: type[TowersGraphNetwork]) -> TowersGraphNetwork:
+    """One member, always with the same weights."""
+    network = kind(members=1, n_features=F, n_position=D, hidden=H)
+    network.reset([torch.Generator().manual_seed(1)])
+    return network
 
 
 def backward_of(network: EnsembleNetwork, x: torch.Tensor) -> Sequence[torch.Tensor]:
@@ -155,8 +174,8 @@ def test_in_tgn_no_block_hears_from_the_bottom_one(name: str, heard: bool) -> No
     graph = prefix_graph(3, name == "fcgn", True, x.device)
     network = make(name, members=1)
     pairs = (network.prepare(v, whole=True).pairs for v in (x, changed))
-    listening = graph.block[: len(graph.received)]
-    before, after = (network.messages(p, graph)[:, listening > 0] for p in pairs)
+    hearing = graph.block[: len(graph.received)]
+    before, after = (network.messages(p, graph)[:, hearing > 0] for p in pairs)
     assert torch.allclose(before, after) is not heard
 
 

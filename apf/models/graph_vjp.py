@@ -1,13 +1,12 @@
 """The passes of a graph network written out, forwards and backwards: this is where training spends its time."""
 
-from functools import cache
 from typing import TYPE_CHECKING
 
 import torch
 from torch import Tensor, baddbmm, bmm
 
 from apf.models.layers import VJP, Backward
-from apf.models.prefixes import PrefixGraph
+from apf.models.prefixes import mix_nodes
 
 if TYPE_CHECKING:
     from apf.models.graph import GraphNetwork, Prepared
@@ -31,33 +30,18 @@ def written_out(network: "GraphNetwork") -> VJP:
     middle_back, last_back, update_back, readout_back, logit_back = (
         weight.mT for weight in (middle, last, update, readout, logit)
     )
-    members = len(first)
-
-    @cache
-    def mixes(graph: PrefixGraph) -> list[Tensor]:
-        """Sums over edges and means over slots, each with its way back."""
-        both = [weights for matrix in (graph.received, graph.mean) for weights in (matrix, matrix.mT)]
-        return [weights.expand(members, -1, -1) for weights in both]
-
-    def mix(weights: Tensor, x: Tensor) -> Tensor:
-        """As `mix_nodes`."""
-        _, m, nodes = weights.shape
-        if m == nodes == 1:
-            return x
-        return bmm(weights, x.view(members, nodes, -1)).view(members, -1, hidden)
 
     @torch.inference_mode()
     def vjp(prepared: "Prepared") -> tuple[Tensor, Backward]:
-        pairs, slots = prepared.pairs, prepared.slots
-        received, received_back, mean, mean_back = mixes(prepared.graph)
+        graph, pairs, slots = prepared.graph, prepared.pairs, prepared.slots
         x1 = bmm(pairs, first).relu_()
         x2 = baddbmm(middle_bias, x1, middle).relu_()  # messages, all but their last layer
-        heard = mix(received, x2)
+        heard = mix_nodes(graph.received, x2)
         of_sum, of_number = bmm(last, update).split([hidden, 1], 1)
         x3 = bmm(slots, torch.cat([own, of_number], 1))
         x3[:, : heard.shape[1]].baddbmm_(heard, of_sum)
         x3.relu_()  # what is known of slots
-        x4 = mix(mean, x3)  # of prefixes
+        x4 = mix_nodes(graph.mean, x3)  # of prefixes
         x5 = baddbmm(readout_bias, x4, readout).relu_()
         logits = baddbmm(logit_bias, x5, logit)
 
@@ -69,19 +53,19 @@ def written_out(network: "GraphNetwork") -> VJP:
             g = g * logit_back
             _relu_backward(g, x5, 0, grad_input=g)
             of_readout = [bmm(x4.mT, g), g.sum(1, keepdim=True)]
-            g = mix(mean_back, bmm(g, readout_back))
+            g = mix_nodes(graph.mean.mT, bmm(g, readout_back))
             _relu_backward(g, x3, 0, grad_input=g)
             of_own, of_number = bmm(slots.mT, g).split([own.shape[1], 1], 1)
             g = g[:, : heard.shape[1]]
             of_both = torch.cat([bmm(heard.mT, g), of_number], 1)
             of_last, of_update = bmm(of_both, update_back), bmm(last_back, of_both)
-            g = mix(received_back, bmm(g, of_sum.mT))
+            g = mix_nodes(graph.received.mT, bmm(g, of_sum.mT))
             _relu_backward(g, x2, 0, grad_input=g)
             of_middle = [bmm(x1.mT, g), g.sum(1, keepdim=True)]
             g = bmm(g, middle_back)
             _relu_backward(g, x1, 0, grad_input=g)
             return [bmm(pairs.mT, g), *of_middle, of_last, of_update, of_own, *of_readout, *of_logit]
 
-        return logits.view(members, -1, prepared.plans).transpose(1, 2), backward
+        return logits.view(len(logits), -1, prepared.plans).transpose(1, 2), backward
 
     return vjp
