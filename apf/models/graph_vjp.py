@@ -17,8 +17,8 @@ _relu_backward = torch.ops.aten.threshold_backward.grad_input
 def written_out(network: "GraphNetwork") -> VJP:
     """What `GraphNetwork.logits_of` computes, and its way back, for weights that stay where they are.
 
-    Products of this size are over so soon that autograd between them costs a tenth more time, and so does looking
-    weights up in their modules again and again.
+    Products of this size are over so soon that the time counts which autograd takes between them, and which it takes to
+    look weights up in their modules again and again.
     """
     message, hidden = network.messages, network.hidden
     layers = [message.first, message.middle, network.last, network.update_messages, network.update_own]
