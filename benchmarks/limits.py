@@ -1,20 +1,30 @@
 """What the machine could do at best: the same matrix products and nothing else, or one pass over the same memory."""
 
 from collections.abc import Callable
-from typing import Any
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
 from torch import nn
 from torch.utils._python_dispatch import TorchDispatchMode
 
-Product = tuple[int, int, int, int]
-"""[B, N, M] @ [B, M, P] as (B, N, M, P)."""
+
+class Product(NamedTuple):
+    """[B, N, M] @ [B, M, P]. one_dnn: made by oneDNN, where B = 1, and not by `torch.bmm`."""
+
+    b: int
+    n: int
+    m: int
+    p: int
+    one_dnn: bool = False
+
 
 COPIED = 64 * 2**20
 """Bytes of the array whose copy shows the memory's bandwidth: more than any cache holds."""
 
 _aten = torch.ops.aten
+_linear = torch.ops.mkldnn._linear_pointwise.default
 _OPERANDS = {
     _aten.mm.default: 0,
     _aten.bmm.default: 0,
@@ -34,7 +44,12 @@ class _Recorder(TorchDispatchMode):
 
     def __torch_dispatch__(self, func: Any, types: Any, args: tuple = (), kwargs: Any = None) -> Any:
         first = _OPERANDS.get(func)
-        if first is None:
+        if func is _linear:
+            left, right = args[:2]
+            self.products.append(
+                Product(1, left.numel() // left.shape[-1], left.shape[-1], right.shape[0], one_dnn=True)
+            )
+        elif first is None:
             with self:
                 result = func.decompose(*args, **(kwargs or {}))  # in inference mode products come inside others
             if result is not NotImplemented:
@@ -42,7 +57,7 @@ class _Recorder(TorchDispatchMode):
         else:
             left, right = args[first : first + 2]
             batch = left.shape[0] if left.ndim == 3 else 1
-            self.products.append((batch, left.shape[-2], left.shape[-1], right.shape[-1]))
+            self.products.append(Product(batch, left.shape[-2], left.shape[-1], right.shape[-1]))
         return func(*args, **(kwargs or {}))
 
 
@@ -57,33 +72,37 @@ def products_with_weights(network: nn.Module, work: Callable[[], object]) -> lis
         work()
 
     def has_weight(product: Product) -> bool:
-        _, n, m, p = product
+        _, n, m, p, _ = product
         return any(tuple(sorted(pair)) in weights for pair in ((n, m), (m, p), (n, p)))
 
     return [product for product in recorder.products if has_weight(product)]
 
 
 def replay(products: list[Product]) -> Callable[[], None]:
-    """Work that makes the products again with `torch.bmm`, one thread, on arrays that exist already."""
-    arrays = {p: _arrays(*p) for p in set(products)}
+    """Work that makes the products again and nothing else, one thread, on arrays that exist already."""
+    makers = {product: _maker(product) for product in set(products)}
 
     def work() -> None:
         with torch.inference_mode():
             for product in products:
-                left, right, out = arrays[product]
-                torch.bmm(left, right, out=out)
+                makers[product]()
 
     return work
 
 
-def _arrays(b: int, n: int, m: int, p: int) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+def _maker(product: Product) -> Callable[[], object]:
+    """What makes the product once."""
+    b, n, m, p, one_dnn = product
     with torch.inference_mode():
-        return torch.randn(b, n, m), torch.randn(b, m, p), torch.empty(b, n, p)
+        left, right, out = torch.randn(b, n, m), torch.randn(b, m, p), torch.empty(b, n, p)
+    if one_dnn:
+        return partial(_linear, left[0], right[0].mT, None, "none", [], "")
+    return partial(torch.bmm, left, right, out=out)
 
 
 def flops(products: list[Product]) -> int:
     """Multiplications and additions of the products."""
-    return sum(2 * b * n * m * p for b, n, m, p in products)
+    return sum(2 * b * n * m * p for b, n, m, p, _ in products)
 
 
 def memory_pass(n_bytes: int) -> tuple[Callable[[], None], float]:

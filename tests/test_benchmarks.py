@@ -9,6 +9,7 @@ import pandas as pd
 import pytest
 import torch
 from torch import nn
+from torch.profiler import profile
 
 from apf.acquisition import ExpectedBald
 from apf.models import EnsembleNetwork
@@ -20,7 +21,7 @@ from benchmarks import reference as plain
 from benchmarks import reference_learning as plain_learning
 from benchmarks.__main__ import COLUMNS, main
 from benchmarks.learning import check_training, plain_members, plain_samples
-from benchmarks.limits import products_with_weights, replay
+from benchmarks.limits import Product, products_with_weights, replay
 from benchmarks.operations import check_towers, same_tower
 from benchmarks.setting import QUICK, Setting
 from benchmarks.timing import TIMES, TURN, TURNS, Case, Target, Timed, measure, medians
@@ -118,13 +119,27 @@ def test_the_limit_is_made_of_the_products_with_weights() -> None:
     for parameter in network.parameters():
         nn.init.ones_(parameter)
     x = torch.ones(2, 6, 3)
-    forwards = [(2, 6, 3, 4), (2, 6, 4, 5)]
-    backwards = [(2, 4, 6, 5), (2, 6, 5, 4), (2, 3, 6, 4)]
+    forwards = [Product(2, 6, 3, 4), Product(2, 6, 4, 5)]
+    backwards = [Product(2, 4, 6, 5), Product(2, 6, 5, 4), Product(2, 3, 6, 4)]
     with torch.inference_mode():
         assert products_with_weights(network, lambda: network(x)) == forwards
     recorded = products_with_weights(network, lambda: network(x).sum().backward())
     assert sorted(recorded) == sorted(forwards + backwards)
     replay(recorded)()
+
+
+@pytest.mark.skipif(not torch.backends.mkldnn.is_available(), reason="this torch has no oneDNN")
+def test_a_product_made_by_one_dnn_is_made_so_again() -> None:
+    layer = EnsembleLinear(1, 3, 4)
+    layer.reset(0, torch.Generator())
+    with torch.inference_mode():
+        recorded = products_with_weights(layer, lambda: layer(torch.ones(1, 6, 3), relu=True))
+    assert recorded == [Product(1, 6, 3, 4, one_dnn=True)]
+    with profile() as profiled:
+        replay(recorded)()
+    assert {"mkldnn::_linear_pointwise": 1}.items() <= {
+        event.key: event.count for event in profiled.key_averages()
+    }.items()
 
 
 def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:

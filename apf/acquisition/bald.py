@@ -7,7 +7,7 @@ import torch
 def entropy(p: np.ndarray) -> np.ndarray:
     """Entropy [nats] of a Bernoulli variable with probability p, any shape; exact 0 at p = 0 and p = 1."""
     q = torch.as_tensor(np.ascontiguousarray(p), dtype=torch.float64)
-    return (torch.special.entr(q) + torch.special.entr(1 - q)).numpy()
+    return torch.special.entr(q).add_(torch.special.entr(1 - q)).numpy()
 
 
 def bald(p: np.ndarray) -> np.ndarray:

@@ -15,8 +15,8 @@ from torch import Tensor
 
 from apf.imports import put_off
 from apf.models.graph_vjp import written_out
-from apf.models.layers import VJP, EnsembleLinear, EnsembleNetwork
-from apf.models.prefixes import PrefixGraph, mix_nodes, prefix_graph
+from apf.models.layers import VJP, EnsembleLinear, EnsembleNetwork, affine
+from apf.models.prefixes import PrefixGraph, prefix_graph
 
 with put_off("torch._dynamo"):  # the compiler: two of five seconds of a start
     from torch_geometric.nn import MessagePassing
@@ -35,15 +35,15 @@ class PrefixMessages(MessagePassing):
 
     def forward(self, pairs: Tensor, graph: PrefixGraph) -> Tensor:
         """Features of all pairs [E, P x N, 2 (F - D) + D + 1] -> [E, L x N, H]: what each slot receives."""
-        return self.propagate(graph.edges, pairs=pairs, received=graph.received)
+        return self.propagate(graph.edges, pairs=pairs, graph=graph)
 
     def message(self, pairs: Tensor) -> Tensor:
         """Features of all pairs -> [E, P x N, H]."""
-        return self.middle(self.first(pairs).relu_()).relu_()
+        return self.middle(self.first(pairs, relu=True), relu=True)
 
-    def aggregate(self, inputs: Tensor, received: Tensor) -> Tensor:
-        """[E, P x N, H] -> [E, L x N, H]: sums over the edges into each slot, as one product with a 0/1 matrix."""
-        return mix_nodes(received, inputs)
+    def aggregate(self, inputs: Tensor, graph: PrefixGraph) -> Tensor:
+        """[E, P x N, H] -> [E, L x N, H]: sums over the edges into each slot."""
+        return graph.received(inputs.clone() if inputs.requires_grad else inputs)
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,8 +130,8 @@ class GraphNetwork(EnsembleNetwork):
         received = self.messages(prepared.pairs, prepared.graph)
         of_sum, of_number = torch.bmm(self.last.weight, self.update_messages.weight).split([self.hidden, 1], 1)
         slots = self.update_own(prepared.slots, of_number)
-        slots[:, : received.shape[1]].baddbmm_(received, of_sum)
-        logits = self.logit(self.readout(mix_nodes(prepared.graph.mean, slots.relu_())).relu_())
+        slots[:, : received.shape[1]] += affine(received, of_sum)
+        logits = self.logit(self.readout(prepared.graph.means(slots.relu_()), relu=True))
         return logits.view(len(slots), -1, prepared.plans).transpose(1, 2)
 
     def vjp(self) -> VJP:

@@ -6,7 +6,6 @@ import torch
 from torch import Tensor, baddbmm, bmm
 
 from apf.models.layers import VJP, Backward
-from apf.models.prefixes import mix_nodes
 
 if TYPE_CHECKING:
     from apf.models.graph import GraphNetwork, Prepared
@@ -36,12 +35,12 @@ def written_out(network: "GraphNetwork") -> VJP:
         graph, pairs, slots = prepared.graph, prepared.pairs, prepared.slots
         x1 = bmm(pairs, first).relu_()
         x2 = baddbmm(middle_bias, x1, middle).relu_()  # messages, all but their last layer
-        heard = mix_nodes(graph.received, x2)
+        heard = graph.received(x2.clone())
         of_sum, of_number = bmm(last, update).split([hidden, 1], 1)
         x3 = bmm(slots, torch.cat([own, of_number], 1))
         x3[:, : heard.shape[1]].baddbmm_(heard, of_sum)
         x3.relu_()  # what is known of slots
-        x4 = mix_nodes(graph.mean, x3)  # of prefixes
+        x4 = graph.means(x3)  # of prefixes
         x5 = baddbmm(readout_bias, x4, readout).relu_()
         logits = baddbmm(logit_bias, x5, logit)
 
@@ -53,13 +52,13 @@ def written_out(network: "GraphNetwork") -> VJP:
             g = g * logit_back
             _relu_backward(g, x5, 0, grad_input=g)
             of_readout = [bmm(x4.mT, g), g.sum(1, keepdim=True)]
-            g = mix_nodes(graph.mean.mT, bmm(g, readout_back))
+            g = graph.means_vjp(bmm(g, readout_back))
             _relu_backward(g, x3, 0, grad_input=g)
             of_own, of_number = bmm(slots.mT, g).split([own.shape[1], 1], 1)
             g = g[:, : heard.shape[1]]
             of_both = torch.cat([bmm(heard.mT, g), of_number], 1)
             of_last, of_update = bmm(of_both, update_back), bmm(last_back, of_both)
-            g = mix_nodes(graph.received.mT, bmm(g, of_sum.mT))
+            g = graph.received_vjp(bmm(g, of_sum.mT))
             _relu_backward(g, x2, 0, grad_input=g)
             of_middle = [bmm(x1.mT, g), g.sum(1, keepdim=True)]
             g = bmm(g, middle_back)

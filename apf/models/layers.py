@@ -8,6 +8,8 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
+_one_dnn = torch.ops.mkldnn._linear_pointwise if torch.backends.mkldnn.is_available() else None
+
 GAIN = math.sqrt(2)
 """Weights start so many times as large as in `nn.Linear`. With its own, what a member says of any plan is the same for
 the first hundred updates; some then never leave that plateau."""
@@ -45,15 +47,25 @@ class EnsembleLinear(nn.Module):
         nn.init.uniform_(weight, -GAIN * self.bound, GAIN * self.bound, generator=generator)
         nn.init.uniform_(bias, -self.bound, self.bound, generator=generator)
 
-    def forward(self, x: Tensor, more: Tensor | None = None) -> Tensor:
+    def forward(self, x: Tensor, more: Tensor | None = None, relu: bool = False) -> Tensor:
         """[E, N, in], or [1, N, in] for all members -> [E, N, out], a new tensor that may be changed in place.
 
         more: [E, m, out] weights of m further inputs, which are the last of x.
         """
-        weight = self.weight if more is None else torch.cat([self.weight, more], 1)
-        if len(x) < len(weight):
-            x = x.expand(len(weight), -1, -1)
-        return torch.bmm(x, weight) if self.bias is None else torch.baddbmm(self.bias, x, weight)
+        return affine(x, self.weight if more is None else torch.cat([self.weight, more], 1), self.bias, relu)
+
+
+def affine(x: Tensor, weight: Tensor, bias: Tensor | None = None, relu: bool = False) -> Tensor:
+    """[E, N, in], or [1, N, in] for all members; [E, in, out]; [E, 1, out] -> [E, N, out], with a ReLU if asked for.
+
+    One member that learns nothing is asked by oneDNN: as fast as `bmm`, and twice as fast where there is AVX-512.
+    """
+    if _one_dnn and len(weight) == 1 and x.device.type == "cpu" and not torch.is_grad_enabled():
+        return _one_dnn(x, weight[0].mT, None if bias is None else bias[0, 0], "relu" if relu else "none", [], "")
+    if len(x) < len(weight):
+        x = x.expand(len(weight), -1, -1)
+    y = torch.bmm(x, weight) if bias is None else torch.baddbmm(bias, x, weight)
+    return y.relu_() if relu else y
 
 
 Backward = Callable[[Tensor], Sequence[Tensor]]

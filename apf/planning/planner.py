@@ -15,7 +15,7 @@ ROUNDS = ((0.2, 0.5), (1.0,))
 """How far through the members the looks at each prefix are, round by round. Most candidates are hopeless, and a few
 members can tell; so half of them are asked about all prefixes before the others are."""
 
-NARROWING = 0.6
+NARROWING = 0.5
 """Share of a wave that is followed from one look to the next."""
 
 GROWTH = 8
@@ -106,7 +106,7 @@ class Pool:
         return float(self.predictor.feasibility(self.candidates[row : row + 1], self.rng)[0])
 
     def _chance(self, rows: np.ndarray, look: Look) -> np.ndarray:
-        plans = self.candidates[rows].prefix(look.length)
+        plans = self.candidates.prefix(look.length)[rows]
         if self.predictor.members > 1:
             return self.predictor.last_feasibility(plans, look.members)
         if self.predictor.by_prefix:
