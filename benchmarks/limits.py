@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import torch
-from torch import nn
+from torch import Tensor, nn
 from torch.utils._python_dispatch import TorchDispatchMode
 
 
@@ -31,51 +31,52 @@ _OPERANDS = {
     _aten.addmm.default: 1,
     _aten.baddbmm.default: 1,
     _aten.baddbmm_.default: 1,
+    _linear: 0,
 }
 """Products, and which of their arguments is the left matrix."""
 
 
 class _Recorder(TorchDispatchMode):
-    """Notes the shapes of the matrix products made while it is active."""
+    """Notes the products with weights of a network made while it is active.
 
-    def __init__(self) -> None:
+    The weights are a factor, or a part of one, or the result has the shape of their gradient.
+    """
+
+    def __init__(self, network: nn.Module) -> None:
         super().__init__()
         self.products: list[Product] = []
+        self._network = network
+        self._shapes = {frozenset(p.shape[-2:]) for p in network.parameters()}
 
     def __torch_dispatch__(self, func: Any, types: Any, args: tuple = (), kwargs: Any = None) -> Any:
         first = _OPERANDS.get(func)
-        if func is _linear:
-            left, right = args[:2]
-            self.products.append(
-                Product(1, left.numel() // left.shape[-1], left.shape[-1], right.shape[0], one_dnn=True)
-            )
-        elif first is None:
+        if first is None:
             with self:
                 result = func.decompose(*args, **(kwargs or {}))  # in inference mode products come inside others
             if result is not NotImplemented:
                 return result
         else:
-            left, right = args[first : first + 2]
-            batch = left.shape[0] if left.ndim == 3 else 1
-            self.products.append(Product(batch, left.shape[-2], left.shape[-1], right.shape[-1]))
+            self._note(*args[first : first + 2], one_dnn=func is _linear)
         return func(*args, **(kwargs or {}))
+
+    def _note(self, left: Tensor, right: Tensor, one_dnn: bool) -> None:
+        batch, (n, m) = left.shape[0] if left.ndim == 3 and not one_dnn else 1, left.shape[-2:]
+        p = right.shape[-2] if one_dnn else right.shape[-1]  # oneDNN takes it transposed
+        weights = {p.untyped_storage().data_ptr() for p in self._network.parameters()}
+        is_part = any(factor.untyped_storage().data_ptr() in weights for factor in (left, right))
+        if is_part or any(frozenset(pair) in self._shapes for pair in ((n, m), (m, p), (n, p))):
+            self.products.append(Product(batch, n, m, p, one_dnn))
 
 
 def products_with_weights(network: nn.Module, work: Callable[[], object]) -> list[Product]:
     """The matrix products that `work` makes, forwards and backwards, in their order.
 
-    Only those with a weight of the network as a factor or its gradient as the result: what else is written as a
-    product, such as sums over edges, could be done another way and does not count as necessary work.
+    Only those with weights of the network as a factor or their gradient as the result: what else is written as a
+    product, such as averages over blocks, could be done another way and does not count as necessary work.
     """
-    weights = {tuple(sorted(p.shape[-2:])) for p in network.parameters()}
-    with _Recorder() as recorder:
+    with _Recorder(network) as recorder:
         work()
-
-    def has_weight(product: Product) -> bool:
-        _, n, m, p, _ = product
-        return any(tuple(sorted(pair)) in weights for pair in ((n, m), (m, p), (n, p)))
-
-    return [product for product in recorder.products if has_weight(product)]
+    return recorder.products
 
 
 def replay(products: list[Product]) -> Callable[[], None]:

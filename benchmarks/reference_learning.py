@@ -80,7 +80,7 @@ def plain_members(network: EnsembleNetwork, n_features: int, n_position: int) ->
     for e in range(len(next(iter(weights.values())))):
         state = plain_names({name: weight.detach()[e] for name, weight in weights.items()})
         if isinstance(network, LSTMNetwork):
-            layers = len(network.inputs)
+            layers = len(network.layers)
             member: nn.Module = LSTMMember(n_features, network.hidden, layers)
             zeros = torch.zeros_like(state["lstm.bias_ih_l0"])
             state |= {f"lstm.bias_hh_l{layer}": zeros for layer in range(layers)}
@@ -108,12 +108,16 @@ def plain_names(stacked: Mapping[str, Tensor]) -> dict[str, Tensor]:
         return {f"{name}.weight": matrix.T.clone(), f"{name}.bias": bias[0].clone()}
 
     plain = layer("readout.0", "readout") | layer("readout.2", "logit")
-    if "states.0.weight" in stacked:
+    if "layers.0.weight" in stacked:
         number = 0
-        while f"states.{number}.weight" in stacked:
-            plain[f"lstm.weight_ih_l{number}"] = _torch_gates(stacked[f"inputs.{number}.weight"].T)
-            plain[f"lstm.weight_hh_l{number}"] = _torch_gates(stacked[f"states.{number}.weight"].T)
-            plain[f"lstm.bias_ih_l{number}"] = _torch_gates(stacked[f"inputs.{number}.bias"][0])
+        while f"layers.{number}.weight" in stacked:
+            rows, bias = _torch_gates(stacked[f"layers.{number}.weight"].T), stacked[f"layers.{number}.bias"]
+            hidden = len(rows) // 4
+            plain[f"lstm.weight_ih_l{number}"], plain[f"lstm.weight_hh_l{number}"] = (
+                rows[:, :-hidden],
+                rows[:, -hidden:],
+            )
+            plain[f"lstm.bias_ih_l{number}"] = _torch_gates(bias[0])
             number += 1
         return plain
     return (

@@ -192,9 +192,10 @@ def test_lstm_equals_torchs_own_on_the_blocks_from_top_to_bottom() -> None:
 
     with torch.no_grad():
         for layer in range(3):
-            getattr(reference, f"weight_ih_l{layer}").copy_(gates(w[f"inputs.{layer}.weight"]).T)
-            getattr(reference, f"weight_hh_l{layer}").copy_(gates(w[f"states.{layer}.weight"]).T)
-            getattr(reference, f"bias_ih_l{layer}").copy_(gates(w[f"inputs.{layer}.bias"])[0])
+            read, state = gates(w[f"layers.{layer}.weight"]).tensor_split([-H])
+            getattr(reference, f"weight_ih_l{layer}").copy_(read.T)
+            getattr(reference, f"weight_hh_l{layer}").copy_(state.T)
+            getattr(reference, f"bias_ih_l{layer}").copy_(gates(w[f"layers.{layer}.bias"])[0])
             getattr(reference, f"bias_hh_l{layer}").zero_()
         last = reference(x[1].flip(1))[0][:, -1]
         hidden = torch.relu(last @ w["readout.weight"] + w["readout.bias"])

@@ -15,6 +15,10 @@ GAIN = math.sqrt(2)
 the first hundred updates; some then never leave that plateau."""
 
 
+LARGE = 1_500_000
+"""Multiplications that make a product worth a call of its own."""
+
+
 class EnsembleLinear(nn.Module):
     """E independent affine maps, one per member.
 
@@ -66,6 +70,14 @@ def affine(x: Tensor, weight: Tensor, bias: Tensor | None = None, relu: bool = F
         x = x.expand(len(weight), -1, -1)
     y = torch.bmm(x, weight) if bias is None else torch.baddbmm(bias, x, weight)
     return y.relu_() if relu else y
+
+
+def large_products(a: Tensor, b: Tensor, bias: Tensor | None = None) -> Tensor:
+    """[E, n, m] @ [E, m, p] + [E, 1, p] -> [E, n, p], by oneDNN where each product is worth a call of its own."""
+    if not _one_dnn or a.device.type != "cpu" or a[0].numel() * b.shape[2] < LARGE:
+        return torch.bmm(a, b) if bias is None else torch.baddbmm(bias, a, b)
+    biases = [None] * len(a) if bias is None else bias.squeeze(1)
+    return torch.stack([_one_dnn(x, y.mT, z, "none", [], "") for x, y, z in zip(a, b, biases, strict=True)])
 
 
 Backward = Callable[[Tensor], Sequence[Tensor]]

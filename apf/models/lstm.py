@@ -1,18 +1,33 @@
 """The LSTM baseline: reads the blocks of a prefix from its top to the bottom (Section Learning)."""
 
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import cast
+
 import torch
 from pydantic import PositiveInt, validate_call
 from torch import Tensor, nn
 
-from apf.models.layers import EnsembleLinear, EnsembleNetwork
+from apf.models.layers import VJP, EnsembleLinear, EnsembleNetwork, affine
+from apf.models.lstm_vjp import ended, tanh, written_out
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """What the prefixes of N plans read: in the first step their tops, in the next the blocks below them, and so on.
+
+    x: by step, [E, prefixes x N, F], those that last longest first; E is 1 where all members see the same plans.
+    """
+
+    plans: int
+    x: list[Tensor]
 
 
 class LSTMNetwork(EnsembleNetwork):
     """A stack of LSTM layers from the top block to the bottom one, then a readout of two layers.
 
-    Prefix i starts at block i, so every prefix is a sequence of its own. All run together: a step takes one block, and
-    the prefix whose top it is joins those above it with a state of zero. What a block contributes to the gates
-    of the first layer is the same for all prefixes, and computed once.
+    Each prefix has a top of its own, and so is a sequence of its own; all of them run side by side.
     """
 
     @validate_call
@@ -28,40 +43,47 @@ class LSTMNetwork(EnsembleNetwork):
         super().__init__()
         self.hidden = hidden
         widths = [n_features] + [hidden] * (layers - 1)
-        self.inputs = nn.ModuleList(EnsembleLinear(members, n, 4 * hidden, fan_in=hidden) for n in widths)
-        self.states = nn.ModuleList(
-            EnsembleLinear(members, hidden, 4 * hidden, bias=False, fan_in=hidden) for _ in widths
-        )
+        self.layers = nn.ModuleList(EnsembleLinear(members, n + hidden, 4 * hidden, fan_in=hidden) for n in widths)
         self.readout = EnsembleLinear(members, hidden, hidden)
         self.logit = EnsembleLinear(members, hidden, 1)
 
     def forward(self, x: Tensor, whole: bool = False) -> Tensor:
         """[E, N, K, F] -> [E, N, K - 1], or [E, N, 1] if `whole`; see `EnsembleNetwork.forward`."""
-        e, n, k, _ = x.shape
-        gates_of = self.inputs[0](x.transpose(1, 2).reshape(e, k * n, -1)).view(e, k, n, -1)
-        hidden = [x.new_zeros(e, 0, self.hidden) for _ in self.inputs]  # per layer, [E, running prefixes x N, H]
-        cell = list(hidden)
-        fresh = x.new_zeros(e, n, self.hidden)
-        for block in reversed(range(k)):
-            joins = block == k - 1 if whole else block > 0
-            if joins:
-                hidden = [torch.cat([fresh, h], 1) for h in hidden]
-                cell = [torch.cat([fresh, c], 1) for c in cell]
-            for layer in range(len(self.inputs)):
-                if layer == 0:
-                    gates = gates_of[:, block].repeat(1, hidden[0].shape[1] // n, 1)
+        return self.logits_of(self.prepare(x, whole))
+
+    def prepare(self, x: Tensor, whole: bool = False) -> Prepared:
+        """[E, N, K, F] -> what the layers read of them."""
+        by_block = x.transpose(1, 2)
+        steps = _blocks_read(x.shape[2], whole, x.device)
+        return Prepared(x.shape[1], [by_block.index_select(1, blocks).flatten(1, 2) for blocks in steps])
+
+    def logits_of(self, prepared: Prepared) -> Tensor:
+        """[E, N, K - 1], or [E, N, 1] of the whole plans."""
+        read = prepared.x
+        for layer in cast("Iterable[EnsembleLinear]", self.layers):
+            states, cell = list[Tensor](), None
+            for x in read:
+                if cell is None:  # there is no state yet
+                    gates = affine(x, layer.weight[:, : x.shape[2]], layer.bias)
                 else:
-                    gates = self.inputs[layer](hidden[layer - 1])
-                if block < k - 1:  # at the top all states are zero
-                    gates = gates.baddbmm_(hidden[layer], self.states[layer].weight)
-                hidden[layer], cell[layer] = _lstm_cell(gates, cell[layer])
-        logits = self.logit(self.readout(hidden[-1]).relu_())
-        return logits.view(e, -1, n).transpose(1, 2)
+                    state, cell = states[-1][:, : x.shape[1]], cell[:, : x.shape[1]]
+                    gates = layer(torch.cat([x.expand(len(state), -1, -1), state], 2))
+                sigmoids, candidate = gates.split([3 * self.hidden, self.hidden], 2)
+                enter, forget, leave = torch.sigmoid(sigmoids).chunk(3, 2)
+                new = enter * tanh(candidate)
+                cell = new if cell is None else torch.addcmul(new, forget, cell)
+                states.append(leave * tanh(cell))
+            read = states
+        logits = self.logit(self.readout(ended(read), relu=True))
+        return logits.view(len(logits), -1, prepared.plans).transpose(1, 2)
+
+    def vjp(self) -> VJP:
+        """As `EnsembleNetwork.vjp`, written out; a subclass that computes something else is left to autograd."""
+        return written_out(self) if type(self).logits_of is LSTMNetwork.logits_of else super().vjp()
 
 
-def _lstm_cell(gates: Tensor, cell: Tensor) -> tuple[Tensor, Tensor]:
-    """Gates [..., 4H] (input, forget, output, candidate) and cell [..., H] -> new hidden and cell state [..., H]."""
-    sigmoids, candidate = gates.split([3 * cell.shape[-1], cell.shape[-1]], -1)
-    enter, forget, leave = torch.sigmoid(sigmoids).chunk(3, -1)
-    cell = torch.addcmul(forget * cell, enter, torch.tanh(candidate))
-    return leave * torch.tanh(cell), cell
+@lru_cache(maxsize=256)
+def _blocks_read(length: int, whole: bool, device: torch.device) -> list[Tensor]:
+    """By step, which blocks the prefixes 2..length of a plan read, or the whole plan alone, longest prefix first."""
+    tops = [length - 1] if whole else range(length - 1, 0, -1)
+    return [torch.tensor([top - step for top in tops if top >= step], device=device) for step in range(length)]
