@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Sequence
 from functools import partial
+from itertools import repeat
 from typing import Any
 
 import torch
@@ -76,8 +77,8 @@ def large_products(a: Tensor, b: Tensor, bias: Tensor | None = None) -> Tensor:
     """[E, n, m] @ [E, m, p] + [E, 1, p] -> [E, n, p], by oneDNN where each product is worth a call of its own."""
     if not _one_dnn or a.device.type != "cpu" or a[0].numel() * b.shape[2] < LARGE:
         return torch.bmm(a, b) if bias is None else torch.baddbmm(bias, a, b)
-    biases = [None] * len(a) if bias is None else bias.squeeze(1)
-    return torch.stack([_one_dnn(x, y.mT, z, "none", [], "") for x, y, z in zip(a, b, biases, strict=True)])
+    of_members = zip(a.unbind(), b.mT.unbind(), bias.squeeze(1).unbind() if bias is not None else repeat(None))
+    return torch.stack([_one_dnn(x, weight, of_bias, "none", [], "") for x, weight, of_bias in of_members])
 
 
 Backward = Callable[[Tensor], Sequence[Tensor]]

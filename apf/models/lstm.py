@@ -1,8 +1,9 @@
 """The LSTM baseline: reads the blocks of a prefix from its top to the bottom (Section Learning)."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import chain
 from typing import cast
 
 import torch
@@ -17,11 +18,13 @@ from apf.models.lstm_vjp import ended, tanh, written_out
 class Prepared:
     """What the prefixes of N plans read: in the first step their tops, in the next the blocks below them, and so on.
 
-    x: by step, [E, prefixes x N, F], those that last longest first; E is 1 where all members see the same plans.
+    x: [E, T x N, F], step by step, those that last longest first; E is 1 where all members see the same plans.
+    rows: how many of T x N each step has.
     """
 
     plans: int
-    x: list[Tensor]
+    rows: list[int]
+    x: Tensor
 
 
 class LSTMNetwork(EnsembleNetwork):
@@ -53,13 +56,25 @@ class LSTMNetwork(EnsembleNetwork):
 
     def prepare(self, x: Tensor, whole: bool = False) -> Prepared:
         """[E, N, K, F] -> what the layers read of them."""
-        by_block = x.transpose(1, 2)
-        steps = _blocks_read(x.shape[2], whole, x.device)
-        return Prepared(x.shape[1], [by_block.index_select(1, blocks).flatten(1, 2) for blocks in steps])
+        blocks, sizes = _blocks_read(x.shape[2], whole, x.device)
+        by_step = x.transpose(1, 2).index_select(1, blocks).flatten(1, 2)
+        return Prepared(x.shape[1], [size * x.shape[1] for size in sizes], by_step)
+
+    def batcher(self, x: Tensor, whole: bool = False) -> Callable[[Tensor], Prepared]:
+        """As `EnsembleNetwork.batcher`: what is read of an example lies side by side, to be gathered fast."""
+        blocks, sizes = _blocks_read(x.shape[1], whole, x.device)
+        by_plan = x.index_select(1, blocks).flatten(1)
+
+        def batch(rows: Tensor) -> Prepared:
+            e, n = rows.shape
+            drawn = by_plan.index_select(0, rows.flatten()).view(e, n, len(blocks), -1)
+            return Prepared(n, [size * n for size in sizes], drawn.transpose(1, 2).flatten(1, 2))
+
+        return batch
 
     def logits_of(self, prepared: Prepared) -> Tensor:
         """[E, N, K - 1], or [E, N, 1] of the whole plans."""
-        read = prepared.x
+        read = prepared.x.split(prepared.rows, 1)
         for layer in cast("Iterable[EnsembleLinear]", self.layers):
             states, cell = list[Tensor](), None
             for x in read:
@@ -73,7 +88,7 @@ class LSTMNetwork(EnsembleNetwork):
                 new = enter * tanh(candidate)
                 cell = new if cell is None else torch.addcmul(new, forget, cell)
                 states.append(leave * tanh(cell))
-            read = states
+            read = tuple(states)
         logits = self.logit(self.readout(ended(read), relu=True))
         return logits.view(len(logits), -1, prepared.plans).transpose(1, 2)
 
@@ -83,7 +98,9 @@ class LSTMNetwork(EnsembleNetwork):
 
 
 @lru_cache(maxsize=256)
-def _blocks_read(length: int, whole: bool, device: torch.device) -> list[Tensor]:
-    """By step, which blocks the prefixes 2..length of a plan read, or the whole plan alone, longest prefix first."""
+def _blocks_read(length: int, whole: bool, device: torch.device) -> tuple[Tensor, list[int]]:
+    """Which blocks the prefixes 2..length of a plan read, or the whole plan alone, and how many in each step."""
     tops = [length - 1] if whole else range(length - 1, 0, -1)
-    return [torch.tensor([top - step for top in tops if top >= step], device=device) for step in range(length)]
+    steps = [[top - step for top in tops if top >= step] for step in range(length)]
+    with torch.inference_mode(False):  # cached: training must be able to use what prediction made first
+        return torch.tensor(list(chain(*steps)), device=device), [len(blocks) for blocks in steps]

@@ -31,10 +31,10 @@ def written_out(network: "LSTMNetwork") -> VJP:
 
     @torch.inference_mode()
     def vjp(prepared: "Prepared") -> tuple[Tensor, Backward]:
-        rows = [x.shape[1] for x in prepared.x]
+        rows, x = prepared.rows, prepared.x
         widths = [weight.shape[1] for weight in weights] + [hidden]
         read = [logit.new_empty(members, sum(rows), width) for width in widths]
-        read[0][..., : prepared.x[0].shape[2]] = torch.cat(prepared.x, 1)
+        read[0][..., : x.shape[2]] = x
         steps = [_read(*of_layer, rows) for of_layer in zip(read, read[1:], weights, biases, strict=False)]
         x = ended(read[-1].split(rows, 1))
         x1 = baddbmm(readout_bias, x, readout).relu_()
