@@ -6,12 +6,12 @@ from typing import Any
 
 import hydra
 import pydantic
-import torch
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
 from apf.cli import one_line_errors, run_command
 from apf.config import Config, Learned, check_hydra, config_dir, describe, plain, validate
+from apf.cpu import set_up_cpu
 from apf.errors import InputError
 from apf.experiment import Experiment
 from apf.files import read_yaml
@@ -31,7 +31,7 @@ def job(cfg: DictConfig) -> None:
     directory = Path(HydraConfig.get().runtime.output_dir)
     check_hydra(HydraConfig.get())
     plain_config, config = plain(cfg), validate(cfg)
-    torch.set_num_threads(config.threads)
+    set_up_cpu(config.threads)
     model = make_model(cfg, config)
     if check(directory, plain_config, config.domain):
         print(f"{directory} holds this run already, finished", file=sys.stderr)

@@ -10,10 +10,10 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-import torch
 from rich.console import Console
 from rich.table import Table
 
+from apf.cpu import set_up_cpu
 from benchmarks.operations import ONLY_FULL, OPERATIONS
 from benchmarks.setting import FULL, QUICK, Setting
 from benchmarks.timing import Row, measure
@@ -31,7 +31,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     )
     options = parser.parse_args(arguments)
     names = options.only or [name for name in OPERATIONS if not (options.quick and name in ONLY_FULL)]
-    torch.set_num_threads(1)
+    set_up_cpu(1)
     setting = Setting(QUICK if options.quick else FULL)
     progress, rows = Console(stderr=True), list[Row]()
     with progress.status("") as status:

@@ -118,9 +118,9 @@ def in_process(operation: str, size: dict[str, int], weights: str) -> dict[str, 
 
 def measure(operation: str, size: dict[str, int], weights: str) -> dict[str, float]:
     """Seconds (median) of an operation, and the peak of this process's memory [MiB] before and after."""
-    import torch
+    from apf.cpu import set_up_cpu
 
-    torch.set_num_threads(1)
+    set_up_cpu(1)
     work = {"train": prepare_training, "epoch": prepare_epoch, "bald": prepare_bald, "plan": prepare_plan}[operation]
     run = work(size, weights)
     start = peak_mib()
