@@ -13,7 +13,7 @@ def set_up_cpu(threads: int) -> None:
     """Let torch compute on so many threads, and keep up to 256 MiB that are free for what is allocated next.
 
     Networks allocate and free the same few MiB again and again. glibc would hand these back to the system, now and then
-    each time, and to fetch them again can take twice as long as to compute what they hold. Other libraries of C have no
+    each time, and to fetch them again can take longer than to compute what they hold. Other libraries of C have no
     such settings.
     """
     torch.set_num_threads(threads)

@@ -1,5 +1,6 @@
 """Memory that is freed stays with the process."""
 
+import platform
 import subprocess
 import sys
 
@@ -20,7 +21,7 @@ print(resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before)
 """
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="settings of glibc")
+@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="settings of glibc")
 def test_what_is_allocated_again_and_again_is_not_fetched_from_the_system_each_time() -> None:
     def faults(call: str) -> int:
         done = subprocess.run(

@@ -9,12 +9,12 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-_one_dnn = torch.ops.mkldnn._linear_pointwise if torch.backends.mkldnn.is_available() else None
+ONE_DNN = torch.ops.mkldnn._linear_pointwise if torch.backends.mkldnn.is_available() else None
+"""oneDNN's x @ weight.T + bias and what follows it, as PyTorch's own compiler calls it; None where torch lacks it."""
 
 GAIN = math.sqrt(2)
 """Weights start so many times as large as in `nn.Linear`. With its own, what a member says of any plan is the same for
 the first hundred updates; some then never leave that plateau."""
-
 
 LARGE = 1_500_000
 """Multiplications that make a product worth a call of its own."""
@@ -63,10 +63,10 @@ class EnsembleLinear(nn.Module):
 def affine(x: Tensor, weight: Tensor, bias: Tensor | None = None, relu: bool = False) -> Tensor:
     """[E, N, in], or [1, N, in] for all members; [E, in, out]; [E, 1, out] -> [E, N, out], with a ReLU if asked for.
 
-    One member that learns nothing is asked by oneDNN: as fast as `bmm`, and twice as fast where there is AVX-512.
+    One member that learns nothing is asked by oneDNN, which is faster than `bmm` where there is AVX-512.
     """
-    if _one_dnn and len(weight) == 1 and x.device.type == "cpu" and not torch.is_grad_enabled():
-        return _one_dnn(x, weight[0].mT, None if bias is None else bias[0, 0], "relu" if relu else "none", [], "")
+    if ONE_DNN and len(weight) == 1 and x.device.type == "cpu" and not torch.is_grad_enabled():
+        return ONE_DNN(x, weight[0].mT, None if bias is None else bias[0, 0], "relu" if relu else "none", [], "")
     if len(x) < len(weight):
         x = x.expand(len(weight), -1, -1)
     y = torch.bmm(x, weight) if bias is None else torch.baddbmm(bias, x, weight)
@@ -75,10 +75,10 @@ def affine(x: Tensor, weight: Tensor, bias: Tensor | None = None, relu: bool = F
 
 def large_products(a: Tensor, b: Tensor, bias: Tensor | None = None) -> Tensor:
     """[E, n, m] @ [E, m, p] + [E, 1, p] -> [E, n, p], by oneDNN where each product is worth a call of its own."""
-    if not _one_dnn or a.device.type != "cpu" or a[0].numel() * b.shape[2] < LARGE:
+    if not ONE_DNN or a.device.type != "cpu" or a[0].numel() * b.shape[2] < LARGE:
         return torch.bmm(a, b) if bias is None else torch.baddbmm(bias, a, b)
     of_members = zip(a.unbind(), b.mT.unbind(), bias.squeeze(1).unbind() if bias is not None else repeat(None))
-    return torch.stack([_one_dnn(x, weight, of_bias, "none", [], "") for x, weight, of_bias in of_members])
+    return torch.stack([ONE_DNN(x, weight, of_bias, "none", [], "") for x, weight, of_bias in of_members])
 
 
 Backward = Callable[[Tensor], Sequence[Tensor]]

@@ -73,7 +73,7 @@ def _ended_back(gradient: Tensor, rows: Sequence[int]) -> Tensor:
 
 
 def tanh(x: Tensor) -> Tensor:
-    """The hyperbolic tangent by way of the sigmoid, which takes a tenth of the time of `torch.tanh`."""
+    """The hyperbolic tangent by way of the sigmoid, which is far faster than `torch.tanh`."""
     return torch.sigmoid(x * 2) * 2 - 1
 
 
