@@ -8,7 +8,7 @@ import torch
 from torch import nn
 
 from apf.models import EnsembleLinear, EnsembleNetwork, FullyConnectedGraphNetwork, LSTMNetwork, TowersGraphNetwork
-from apf.models.graph import PrefixMessages, Prepared
+from apf.models.graph import PrefixMessages
 from apf.models.prefixes import prefix_graph
 
 MEMBERS, F, D, H = 3, 10, 3, 8
@@ -131,13 +131,11 @@ def test_each_member_learns_from_its_own_examples_as_autograd_says(name: str, wh
         torch.testing.assert_close(gradient, of_parameter)
 
 
-def test_a_subclass_with_other_logits_learns_from_them() -> None:
-    class Colder(TowersGraphNetwork):
-        def logits_of(self, prepared: Prepared) -> torch.Tensor:
-            return 2 * super().logits_of(prepared)
-
-    x = torch.randn(1, 4, 3, F)
-    warm, cold = (lone(kind) for kind in (TowersGraphNetwork, Colder))
+@pytest.mark.parametrize("name", NETWORKS)
+def test_a_subclass_with_other_logits_learns_from_them(name: str) -> None:
+    warm, cold, x = make(name, members=1), make(name, members=1), torch.randn(1, 4, 3, F)
+    kind = type(cold)
+    cold.__class__ = type("Colder", (kind,), {"logits_of": lambda self, x: 2 * kind.logits_of(self, x)})
     for ours, theirs in zip(*(backward_of(network, x) for network in (warm, cold)), strict=True):
         torch.testing.assert_close(2 * ours, theirs)
 

@@ -12,9 +12,17 @@ import torch
 from torch import nn
 
 from apf.data import Kind, Labelled, examples
-from apf.models import Ensemble, EnsembleNetwork, EnsembleSettings, LSTMNetwork, TowersGraphNetwork, Training
+from apf.models import (
+    Ensemble,
+    EnsembleNetwork,
+    EnsembleSettings,
+    FullyConnectedGraphNetwork,
+    LSTMNetwork,
+    TowersGraphNetwork,
+    Training,
+)
 from apf.models import training as training_module
-from apf.models.graph import Prepared
+from apf.models.ensemble import SIZES
 from apf.models.optimiser import AdamW
 from apf.models.training import CHECK, _batches, batches_of, fit, validation_loss
 from apf.towers import TowerDomain, Towers, random_towers, standing_prefixes
@@ -170,6 +178,28 @@ def test_without_early_stopping_all_plans_are_trained_on_and_the_last_weights_ke
         torch.testing.assert_close(one, other)
 
 
+@pytest.mark.parametrize("kind", [TowersGraphNetwork, partial(LSTMNetwork, layers=2)])
+def test_many_plans_are_judged_as_each_alone_in_chunks_of_few_sizes(
+    kind: Callable[..., EnsembleNetwork], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("apf.models.ensemble.FEW", 0)
+    settings = EnsembleSettings(members=2, network=partial(kind, hidden=8))
+    model = Ensemble(settings, Kind.SUBSEQUENCE, DOMAIN, Training(), torch.device("cpu"))
+    model.network.reset([torch.Generator().manual_seed(e) for e in range(2)])
+    towers = DOMAIN.random_plans(4, 2500, np.random.default_rng(0))
+    sizes, prepare = set[int](), model.network.prepare
+
+    def noted(x: torch.Tensor, whole: bool) -> object:
+        sizes.add(x.shape[1])
+        return prepare(x, whole)
+
+    monkeypatch.setattr(model.network, "prepare", noted)
+    everything = model.predict(towers)
+    for n in (1, 7, 255, 300, 301, 302, 303, 304, 1023, 1024, 1025, 2049):
+        np.testing.assert_allclose(model.predict(towers[:n]), everything[:, :n], rtol=1e-4)
+    assert len(sizes) <= SIZES
+
+
 def test_of_no_plans_nothing_is_said() -> None:
     model, none = ensemble(), labelled(4, 2, 1).plans[:0]
     assert model.predict(none).shape == (3, 0, 3)
@@ -235,21 +265,22 @@ def test_members_train_the_same_alone_and_together() -> None:
     np.testing.assert_allclose(*losses, rtol=1e-4)
 
 
-class LeftToAutograd(TowersGraphNetwork):
-    def logits_of(self, prepared: Prepared) -> torch.Tensor:
-        return super().logits_of(prepared)
-
-
-def test_written_out_a_network_trains_as_autograd_would_train_it() -> None:
+@pytest.mark.parametrize(
+    ("kind", "options"), [(TowersGraphNetwork, {}), (FullyConnectedGraphNetwork, {}), (LSTMNetwork, {"layers": 2})]
+)
+def test_written_out_a_network_trains_as_autograd_would_train_it(
+    kind: type[EnsembleNetwork], options: dict[str, int]
+) -> None:
     """Also after many updates: what was looked up at the start follows the weights."""
+    autograds = type("LeftToAutograd", (kind,), {"logits_of": lambda self, prepared: kind.logits_of(self, prepared)})
     kept = []
-    for network in (TowersGraphNetwork, LeftToAutograd):
-        settings = EnsembleSettings(members=2, network=partial(network, hidden=16))
+    for network in (kind, autograds):
+        settings = EnsembleSettings(members=2, network=partial(network, hidden=16, **options))
         model = Ensemble(settings, Kind.SUBSEQUENCE, DOMAIN, Training(updates=60), torch.device("cpu"))
         model.fit([labelled(2, 30, 1), labelled(4, 20, 2)], [], np.random.default_rng(0))
         kept.append(list(model.network.parameters()))
-    for ours, autograds in zip(*kept, strict=True):
-        torch.testing.assert_close(ours, autograds, rtol=1e-3, atol=1e-4)
+    for ours, theirs in zip(*kept, strict=True):
+        torch.testing.assert_close(ours, theirs, rtol=1e-3, atol=1e-4)
 
 
 def test_validation_loss_is_the_mean_cross_entropy_of_all_labels() -> None:

@@ -6,11 +6,10 @@ import torch
 from torch import Tensor, baddbmm, bmm
 
 from apf.models.layers import VJP, Backward
+from apf.models.readout_vjp import readout_vjp, relu_backward
 
 if TYPE_CHECKING:
     from apf.models.graph import GraphNetwork, Prepared
-
-_relu_backward = torch.ops.aten.threshold_backward.grad_input
 
 
 def written_out(network: "GraphNetwork") -> VJP:
@@ -22,13 +21,9 @@ def written_out(network: "GraphNetwork") -> VJP:
     message, hidden = network.messages, network.hidden
     layers = [message.first, message.middle, network.last, network.update_messages, network.update_own]
     first, middle, last, update, own = (layer.weight.detach() for layer in layers)
-    readout, logit = network.readout.weight.detach(), network.logit.weight.detach()
-    middle_bias, readout_bias, logit_bias = (
-        layer.bias.detach() for layer in (message.middle, network.readout, network.logit) if layer.bias is not None
-    )
-    middle_back, last_back, update_back, readout_back, logit_back = (
-        weight.mT for weight in (middle, last, update, readout, logit)
-    )
+    _, middle_bias = (parameter.detach() for parameter in message.middle.parameters())
+    middle_back, last_back, update_back = (weight.mT for weight in (middle, last, update))
+    readout = readout_vjp(network.readout, network.logit)
 
     @torch.inference_mode()
     def vjp(prepared: "Prepared") -> tuple[Tensor, Backward]:
@@ -40,31 +35,25 @@ def written_out(network: "GraphNetwork") -> VJP:
         x3 = bmm(slots, torch.cat([own, of_number], 1))
         x3[:, : heard.shape[1]].baddbmm_(heard, of_sum)
         x3.relu_()  # what is known of slots
-        x4 = graph.means(x3)  # of prefixes
-        x5 = baddbmm(readout_bias, x4, readout).relu_()
-        logits = baddbmm(logit_bias, x5, logit)
+        logits, readout_back = readout(graph.means(x3), prepared.plans)
 
         @torch.inference_mode()
         def backward(gradient: Tensor) -> list[Tensor]:
             """In the order of the network's parameters; `g` is the gradient of one x after another."""
-            g = gradient.transpose(1, 2).reshape(logits.shape)
-            of_logit = [bmm(x5.mT, g), g.sum(1, keepdim=True)]
-            g = g * logit_back
-            _relu_backward(g, x5, 0, grad_input=g)
-            of_readout = [bmm(x4.mT, g), g.sum(1, keepdim=True)]
-            g = graph.means_vjp(bmm(g, readout_back))
-            _relu_backward(g, x3, 0, grad_input=g)
+            g, of_readout = readout_back(gradient)
+            g = graph.means_vjp(g)
+            relu_backward(g, x3, 0, grad_input=g)
             of_own, of_number = bmm(slots.mT, g).split([own.shape[1], 1], 1)
             g = g[:, : heard.shape[1]]
             of_both = torch.cat([bmm(heard.mT, g), of_number], 1)
             of_last, of_update = bmm(of_both, update_back), bmm(last_back, of_both)
             g = graph.received_vjp(bmm(g, of_sum.mT))
-            _relu_backward(g, x2, 0, grad_input=g)
+            relu_backward(g, x2, 0, grad_input=g)
             of_middle = [bmm(x1.mT, g), g.sum(1, keepdim=True)]
             g = bmm(g, middle_back)
-            _relu_backward(g, x1, 0, grad_input=g)
-            return [bmm(pairs.mT, g), *of_middle, of_last, of_update, of_own, *of_readout, *of_logit]
+            relu_backward(g, x1, 0, grad_input=g)
+            return [bmm(pairs.mT, g), *of_middle, of_last, of_update, of_own, *of_readout]
 
-        return logits.view(len(logits), -1, prepared.plans).transpose(1, 2), backward
+        return logits, backward
 
     return vjp

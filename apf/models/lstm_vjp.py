@@ -5,15 +5,15 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import torch
-from torch import Tensor, baddbmm, bmm
+from torch import Tensor, bmm
 from torch.nn.functional import pad
 
 from apf.models.layers import VJP, Backward, large_products
+from apf.models.readout_vjp import readout_vjp
 
 if TYPE_CHECKING:
     from apf.models.lstm import LSTMNetwork, Prepared
 
-_relu_backward = torch.ops.aten.threshold_backward.grad_input
 _sigmoid_backward = torch.ops.aten.sigmoid_backward.grad_input
 _tanh_backward = torch.ops.aten.tanh_backward.grad_input
 _MINUS_ONE = torch.tensor(-1.0)
@@ -25,36 +25,31 @@ def written_out(network: "LSTMNetwork") -> VJP:
     Steps are next to each other in the T rows of a few arrays, and a state is written where it is read: beside what the
     next step reads, and into the layer above.
     """
-    *layers, readout, readout_bias, logit, logit_bias = (parameter.detach() for parameter in network.parameters())
-    weights, biases = layers[::2], layers[1::2]
-    members, hidden = len(logit), network.hidden
+    parameters = [parameter.detach() for parameter in network.layers.parameters()]
+    weights, biases = parameters[::2], parameters[1::2]
+    members, hidden = len(weights[0]), network.hidden
+    readout = readout_vjp(network.readout, network.logit)
 
     @torch.inference_mode()
     def vjp(prepared: "Prepared") -> tuple[Tensor, Backward]:
         rows, x = prepared.rows, prepared.x
         widths = [weight.shape[1] for weight in weights] + [hidden]
-        read = [logit.new_empty(members, sum(rows), width) for width in widths]
+        read = [x.new_empty(members, sum(rows), width) for width in widths]
         read[0][..., : x.shape[2]] = x
         steps = [_read(*of_layer, rows) for of_layer in zip(read, read[1:], weights, biases, strict=False)]
-        x = ended(read[-1].split(rows, 1))
-        x1 = baddbmm(readout_bias, x, readout).relu_()
-        logits = baddbmm(logit_bias, x1, logit)
+        logits, readout_back = readout(ended(read[-1].split(rows, 1)), prepared.plans)
 
         @torch.inference_mode()
         def backward(gradient: Tensor) -> list[Tensor]:
-            """In the order of the network's parameters; `g` is the gradient of one state after another."""
-            g = gradient.transpose(1, 2).reshape(logits.shape)
-            of_logit = [bmm(x1.mT, g), g.sum(1, keepdim=True)]
-            g = g * logit.mT
-            _relu_backward(g, x1, 0, grad_input=g)
-            of_readout = [bmm(x.mT, g), g.sum(1, keepdim=True)]
-            g, of_layers = _ended_back(bmm(g, readout.mT), rows), list[Tensor]()
+            """In the order of the network's parameters; `g` is the gradient of one layer's states after another's."""
+            g, of_readout = readout_back(gradient)
+            g, of_layers = _ended_back(g, rows), list[Tensor]()
             for number in reversed(range(len(weights))):
                 of_layer, g = _read_back(steps[number], read[number], g, weights[number], lowest=number == 0)
                 of_layers = of_layer + of_layers
-            return [*of_layers, *of_readout, *of_logit]
+            return [*of_layers, *of_readout]
 
-        return logits.view(members, -1, prepared.plans).transpose(1, 2), backward
+        return logits, backward
 
     return vjp
 
@@ -66,7 +61,7 @@ def ended(states: Sequence[Tensor]) -> Tensor:
 
 
 def _ended_back(gradient: Tensor, rows: Sequence[int]) -> Tensor:
-    """From the gradient [E, R, H] of what `ended` says to that of all states, [E, T, H]."""
+    """From the gradient [E, R, H] of what `ended` says to that of all states, [E, T x N, H]."""
     going_on = [*rows[1:], 0]
     parts = gradient.split([n - later for n, later in zip(rows, going_on, strict=True)], 1)
     return torch.cat([pad(part, (0, 0, later, 0)) for part, later in zip(parts, going_on, strict=True)], 1)
@@ -90,8 +85,8 @@ class _Step:
 def _read(read: Tensor, written: Tensor, weight: Tensor, bias: Tensor, rows: Sequence[int]) -> list[_Step]:
     """A layer goes through the `rows` of each step.
 
-    read: [E, T, width + H] what it reads and, last, its state, which it writes there for the next step, too.
-    written: [E, T, H or more], its states, and what is not theirs.
+    read: [E, T x N, width + H] what it reads and, last, its state, which it writes there for the next step, too.
+    written: [E, T x N, H or more], its states, and what is not theirs.
     """
     hidden, steps = weight.shape[2] // 4, list[_Step]()
     width = weight.shape[1] - hidden
@@ -109,8 +104,8 @@ def _read(read: Tensor, written: Tensor, weight: Tensor, bias: Tensor, rows: Seq
         squashed = (cell * 2).sigmoid_()
         torch.add(_MINUS_ONE, squashed, alpha=2, out=squashed)
         torch.mul(leave, squashed, out=state)
-        for after in inputs[number + 1 : number + 2]:
-            after[..., width:] = state[:, : after.shape[1]]
+        if number + 1 < len(rows):
+            inputs[number + 1][..., width:] = state[:, : rows[number + 1]]
         steps.append(_Step(x, gates, cell, squashed))
     return steps
 
@@ -118,7 +113,7 @@ def _read(read: Tensor, written: Tensor, weight: Tensor, bias: Tensor, rows: Seq
 def _read_back(
     steps: Sequence[_Step], read: Tensor, of_states: Tensor, weight: Tensor, lowest: bool
 ) -> tuple[list[Tensor], Tensor]:
-    """From the gradient [E, T, H] of a layer's states, which changes, to those of weight and bias, and of what it read.
+    """From the gradient [E, T x N, H] of a layer's states, which changes, to those of its weights and of what it read.
 
     lowest: the latter is of no use.
     """
@@ -126,16 +121,16 @@ def _read_back(
     width = weight.shape[1] - hidden
     of_gates = weight.new_empty(*read.shape[:2], 4 * hidden)
     parts = list(zip(steps, of_gates.split(rows, 1), of_states.split(rows, 1), strict=True))
-    later = list[Tensor]()  # gradients of the state and the cell that the next step goes on from
+    of_going_on: tuple[Tensor, Tensor] | None = None  # of the state and the cell that the next step goes on from
     for number, (step, g, of_state) in reversed(list(enumerate(parts))):
         enter, forget, leave, candidate = _by_gate(step.gates)
         of_enter, of_forget, of_leave, of_candidate = _by_gate(g)
-        for of_part in later[:1]:
-            of_state[:, : of_part.shape[1]] += of_part
+        if of_going_on:
+            of_state[:, : rows[number + 1]] += of_going_on[0]
         of_cell = of_state * leave
         _tanh_backward(of_cell, step.squashed, grad_input=of_cell)
-        for of_part in later[1:]:
-            of_cell[:, : of_part.shape[1]] += of_part
+        if of_going_on:
+            of_cell[:, : rows[number + 1]] += of_going_on[1]
         torch.mul(of_cell, candidate, out=of_enter)
         torch.mul(of_state, step.squashed, out=of_leave)
         torch.mul(of_cell, enter, out=of_candidate)
@@ -147,7 +142,7 @@ def _read_back(
         _sigmoid_backward(of_sigmoids, sigmoids, grad_input=of_sigmoids)
         _tanh_backward(of_candidate, candidate, grad_input=of_candidate)
         if number:
-            later = [bmm(g, weight[:, width:].mT), of_cell.mul_(forget)]
+            of_going_on = bmm(g, weight[:, width:].mT), of_cell.mul_(forget)
     of_read = of_gates if lowest else large_products(of_gates, weight[:, :width].mT)
     return [large_products(read.mT, of_gates), of_gates.sum(1, keepdim=True)], of_read
 
