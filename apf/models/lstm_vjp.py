@@ -22,7 +22,7 @@ _MINUS_ONE = torch.tensor(-1.0)
 def written_out(network: "LSTMNetwork") -> VJP:
     """What `LSTMNetwork.logits_of` computes, and its way back, for weights that stay where they are.
 
-    Steps are next to each other in the T rows of a few arrays, and a state is written where it is read: beside what the
+    Steps lie one after another in the rows of a few arrays, and a state is written where it is read: beside what the
     next step reads, and into the layer above.
     """
     parameters = [parameter.detach() for parameter in network.layers.parameters()]
