@@ -19,6 +19,9 @@ class Predictor(ABC):
     """Is P, or each factor of it, the mean of what so many members say? Then a planner can drop a plan once some of
     them were asked, by `last_feasibility`."""
 
+    together: bool = False
+    """Do all members answer in the time of one? Then a planner asks them all at once."""
+
     @abstractmethod
     def feasibility(self, plans: Any, rng: np.random.Generator) -> np.ndarray:
         """[N] probability that each plan succeeds."""

@@ -1,5 +1,6 @@
 """What tests share: block sets, a domain, towers made by hand, and a model that never learns."""
 
+import importlib
 from collections.abc import Callable, Sequence
 
 import hypothesis
@@ -80,3 +81,9 @@ def line(build: Callable[..., Towers]) -> Callable[..., Towers]:
 def fake_ensemble() -> Callable[..., FakeEnsemble]:
     """Makes a `FakeEnsemble` of the given kind."""
     return FakeEnsemble
+
+
+@pytest.fixture
+def no_figures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Figures take most of the time of a tiny run, and do not always matter."""
+    monkeypatch.setattr(importlib.import_module("apf.main"), "save_figures", lambda directory: None)

@@ -1,5 +1,6 @@
 """Training an ensemble: examples, batches, what is kept, determinism, learning at all."""
 
+import copy
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
@@ -24,7 +25,7 @@ from apf.models import (
 from apf.models import training as training_module
 from apf.models.ensemble import SIZES
 from apf.models.optimiser import AdamW
-from apf.models.training import CHECK, _batches, batches_of, fit, validation_loss
+from apf.models.training import CHECK, Updates, _batches, batches_of, fit, validation_loss
 from apf.towers import TowerDomain, Towers, random_towers, standing_prefixes
 from apf.towers.features import features, mirrored, weighed
 from apf.worlds import AnalyticWorld
@@ -88,31 +89,42 @@ def test_a_mirrored_tower_keeps_its_labels() -> None:
     np.testing.assert_allclose(features(image), mirrored(features(upright)), atol=1e-6)
 
 
-def numbered(n: int, length: int) -> tuple[Callable[[torch.Tensor], torch.Tensor], torch.Tensor]:
-    """A group of n examples that hold their own numbers, and so do their labels."""
-    x = torch.arange(n, dtype=torch.float32)[:, None, None].expand(-1, length, 10)
-    return (lambda rows: x[rows]), x[:, 1:, 0]
-
-
 def test_batches_hold_every_example_once_and_about_as_many_labels_each() -> None:
     generators = [torch.Generator().manual_seed(seed) for seed in range(2)]
-    pairs, triples = numbered(40, length=2), numbered(24, length=3)
-    epoch = batches_of(40, 1, 8) + batches_of(24, 2, 8)
-    batches = list(islice(_batches([pairs, triples], 8, generators, torch.Generator()), epoch))
-    assert [x.shape for x, _ in batches if x.shape[2] == 2] == [(2, 8, 2, 10)] * 5
-    assert [x.shape for x, _ in batches if x.shape[2] == 3] == [(2, 4, 3, 10)] * 6
-    assert len({x.shape[2] for x, _ in batches[:5]}) == 2  # the lengths come in random order
-    for length, n in ((2, 40), (3, 24)):
-        orders = torch.cat([x[..., 0, 0] for x, _ in batches if x.shape[2] == length], 1)
+    sizes = [(40, 1), (24, 2)]  # pairs, and triples with two labels each
+    epoch = sum(batches_of(*size, 8) for size in sizes)
+    batches = list(islice(_batches(sizes, 8, generators, torch.Generator(), torch.device("cpu")), epoch))
+    assert [rows.shape for group, rows in batches if group == 0] == [(2, 8)] * 5
+    assert [rows.shape for group, rows in batches if group == 1] == [(2, 4)] * 6
+    assert len({group for group, _ in batches[:5]}) == 2  # the lengths come in random order
+    for number, (n, _) in enumerate(sizes):
+        orders = torch.cat([rows for group, rows in batches if group == number], 1)
         assert orders.sort(1).values.tolist() == [list(range(n))] * 2
         assert orders[0].tolist() != orders[1].tolist()
-    for x, y in batches:
-        assert torch.equal(y[..., 0], x[..., 0, 0])  # every example with its own labels
 
 
 def test_a_batch_is_never_empty() -> None:
-    batches = _batches([(lambda rows: rows, torch.zeros(2, 4))], 1, [torch.Generator()], torch.Generator())
-    assert [rows.shape for rows, _ in islice(batches, 5)] == [(1, 1)] * 5
+    batches = _batches([(2, 4)], 1, [torch.Generator()], torch.Generator(), torch.device("cpu"))
+    assert [rows.shape for _, rows in islice(batches, 5)] == [(1, 1)] * 5
+
+
+def test_an_update_learns_each_example_with_its_own_labels() -> None:
+    """One update by hand, with autograd and PyTorch's own optimiser, on rows that differ between members."""
+    model = ensemble(members=2)
+    *_, group = examples([labelled(3, 40, 1)], Kind.SUBSEQUENCE, DOMAIN)
+    model.network.reset([torch.Generator().manual_seed(seed) for seed in range(2)])
+    x, y = torch.from_numpy(group.x), torch.from_numpy(group.y)
+    plain = copy.deepcopy(model.network)
+    rows = torch.tensor([[0, 5, 9, 17], [3, 4, 11, 2]])
+    logits, labels = Updates(model.network, [(x, y)], weight_decay=0.1).step(0, rows, (1e-3, 0.5))
+    assert torch.equal(labels, y[rows])
+    expected = plain(x[rows])
+    torch.testing.assert_close(logits, expected)
+    adam = torch.optim.AdamW(plain.parameters(), lr=1e-3, weight_decay=0.1)
+    torch.nn.functional.binary_cross_entropy_with_logits(expected, y[rows]).mul(2).backward()
+    adam.step()
+    for ours, theirs in zip(model.network.parameters(), plain.parameters(), strict=True):
+        torch.testing.assert_close(ours, theirs, rtol=1e-3, atol=1e-5)
 
 
 def test_the_same_stream_gives_the_same_weights_and_another_gives_others() -> None:

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from typing import Any, Protocol
 
 import numpy as np
+from torch import Tensor
 
 from apf.acquisition.bald import bald, expected_bald
 from apf.settings import settings
@@ -16,8 +17,8 @@ CHUNK = 16_384
 class Model(Protocol):
     """What a score asks of a model."""
 
-    def predict(self, plans: Any) -> np.ndarray:
-        """[E, N, P] each member's probabilities; see `apf.models.Ensemble.predict`."""
+    def predict(self, plans: Any) -> Tensor | np.ndarray:
+        """[E, N, P] each member's probabilities, on any device; see `apf.models.Ensemble.predict`."""
         ...
 
 
@@ -58,7 +59,7 @@ class Random(Score):
         return rng.random(len(plans))
 
 
-def _in_chunks(score: Callable[[np.ndarray], np.ndarray], model: Model, plans: Any) -> np.ndarray:
+def _in_chunks(score: Callable[[Tensor | np.ndarray], np.ndarray], model: Model, plans: Any) -> np.ndarray:
     """[N] the score of what the members predict."""
     starts = range(0, max(len(plans), 1), CHUNK)
     return np.concatenate([score(model.predict(plans[start : start + CHUNK])) for start in starts])

@@ -1,6 +1,7 @@
 """An ensemble of networks that predicts the feasibility of plans (Section Abstract plan feasibility model)."""
 
 import math
+import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ import torch
 from pydantic import PositiveInt
 from safetensors import SafetensorError
 from safetensors.torch import load_file, save_file
+from torch import Tensor
 from torch.nn.functional import pad
 
 from apf.data import Domain, Kind, Labelled, examples
@@ -28,6 +30,9 @@ which takes longer than to make it."""
 
 FEW = 2048
 """Pairs of blocks that all members look at together: starting operations for each takes longer than computing."""
+
+ON_GPU = 2**20
+"""Pairs of blocks, counted for each member, that a GPU looks at together: an activation then takes 256 MiB."""
 
 
 @settings
@@ -63,6 +68,7 @@ class Ensemble(Predictor):
         self.training = training
         self.odds = odds
         self.device = device
+        self.together = device.type != "cpu"
         sizes = {"n_features": domain.n_features, "n_position": domain.n_position}
         self.network = settings.network(members=settings.members, **sizes).to(device)
         self._some = settings.network(members=1, **sizes).to(device)  # shares the weights of those that are asked
@@ -81,8 +87,8 @@ class Ensemble(Predictor):
         plans = sum(len(group.labels) for group in train)
         return fit(self.network, train_examples, validation_examples, self.training, generators, turns, plans)
 
-    def predict(self, plans: Any) -> np.ndarray:
-        """[E, N, P] float64: what each member says of each plan.
+    def predict(self, plans: Any) -> Tensor:
+        """[E, N, P] float64: what each member says of each plan; on the ensemble's device, if that knows this type.
 
         Theta_ss: P = K - 1, the probability that prefix 2..K is feasible given that those before it were.
         Theta_comp: P = 1, the probability that the whole plan is.
@@ -94,13 +100,15 @@ class Ensemble(Predictor):
 
         Under Theta_ss that is eq. (theta-ss); the first placement is feasible by assumption. Draws nothing.
         """
-        return self._predict(plans, whole=self.kind is Kind.COMPLETE, odds=self.odds).mean(0).prod(1)
+        p = self._predict(plans, whole=self.kind is Kind.COMPLETE, odds=self.odds)
+        return p.numpy(force=True).mean(0).prod(1)
 
     def last_feasibility(self, plans: Any, members: slice = slice(None)) -> np.ndarray:
         """[N] mean over these members: probability that the last placement succeeds, given that those before it did
         (Theta_ss), or that the whole plan does (Theta_comp).
         """
-        return self._predict(plans, whole=True, members=members, odds=self.odds).mean(0)[:, 0]
+        p = self._predict(plans, whole=True, members=members, odds=self.odds)
+        return p.numpy(force=True).mean(0)[:, 0]
 
     def save(self, path: Path) -> None:
         """Write the weights as safetensors. Raises OSError if that cannot be done."""
@@ -113,44 +121,66 @@ class Ensemble(Predictor):
         """Read weights that `save` wrote."""
         self.network.load_state_dict(load_file(path, device=str(self.device)))
 
-    @torch.inference_mode()
-    def _predict(self, plans: Any, whole: bool, members: slice = slice(None), odds: float = 1.0) -> np.ndarray:
-        """[members, N, K - 1], or [members, N, 1] if `whole`; each probability with its odds multiplied.
-
-        Few plans are shown to all of these members together; many in chunks that keep activations in the cache, each to
-        one member after another.
-        """
+    def _predict(self, plans: Any, whole: bool, members: slice = slice(None), odds: float = 1.0) -> Tensor:
+        """[members, N, K - 1], or [members, N, 1] if `whole`; each probability with its odds multiplied."""
         x = torch.from_numpy(self.domain.features(plans)).to(self.device)
-        pairs = math.comb(plans.length, 2)
-        few = len(plans) * pairs <= FEW
         asked = range(self.members)[members]
-        groups = [asked] if few else [asked[i : i + 1] for i in range(len(asked))]
-        size = len(plans) if few else max(CHUNK // pairs, 256)
-        grain = 1 if few else size // SIZES
-        outputs = 1 if whole else plans.length - 1
-        logits = torch.empty(len(asked), len(plans), outputs, dtype=torch.float64, device=self.device)
+        logits = x.new_empty(len(asked), len(plans), 1 if whole else plans.length - 1)
         if not len(plans):
-            return logits.numpy(force=True)
+            return _doubles(logits)
+        size, grain, at_once = self._portions(len(plans), math.comb(plans.length, 2), len(asked))
+        groups = [asked[i : i + at_once] for i in range(0, len(asked), at_once)]
         weights, stacks = list(self._some.parameters()), [stack.data for stack in self.network.parameters()]
-        for part, of_part in zip(x.split(size), logits.split(size, 1), strict=True):
-            filled = pad(part, (0, 0, 0, 0, 0, -len(part) % grain))
-            prepared = self.network.prepare(filled[None], whole)
-            for group, of_group in zip(groups, of_part.split(len(groups[0])), strict=True):
-                for weight, stack in zip(weights, stacks, strict=True):
-                    weight.data = stack[group.start : group.stop]
-                of_group.copy_(self._some.logits_of(prepared)[:, : len(part)])
-        return logits.add_(math.log(odds)).sigmoid_().cpu().numpy()
+        with torch.inference_mode():
+            for part, of_part in zip(x.split(size), logits.split(size, 1), strict=True):
+                filled = pad(part, (0, 0, 0, 0, 0, -len(part) % grain))
+                prepared = self.network.prepare(filled[None], whole)
+                for group, of_group in zip(groups, of_part.split(at_once), strict=True):
+                    for weight, stack in zip(weights, stacks, strict=True):
+                        weight.data = stack[group.start : group.stop]
+                    of_group.copy_(self._some.logits_of(prepared)[:, : len(part)])
+        return _doubles(logits).add_(math.log(odds)).sigmoid_()
+
+    def _portions(self, plans: int, pairs: int, members: int) -> tuple[int, int, int]:
+        """How many plans are asked about at once, of what their number is to be a multiple, and how many members.
+
+        On a CPU few plans are shown to all members together; many in chunks that keep activations in the cache, each to
+        one member after another. On a GPU as much is done at once as memory allows.
+        """
+        if self.device.type != "cpu":
+            return max(1, ON_GPU // (pairs * members)), 1, members
+        if plans * pairs <= FEW:
+            return plans, 1, members
+        size = max(CHUNK // pairs, 256)
+        return size, size // SIZES, 1
+
+
+def _doubles(x: Tensor) -> Tensor:
+    """In float64, on the CPU if the device lacks it, as Apple's does."""
+    return x.to("cpu" if x.device.type == "mps" else x.device, torch.float64)
 
 
 def pick_device(name: str) -> torch.device:
-    """The device of that name; `auto` is a GPU where there is one, else the CPU.
+    """The device of that name; `auto` is an NVIDIA or AMD GPU where there is one that can compute, else the CPU.
 
     Raises RuntimeError if there is no such device, or none that can compute.
     """
     if name == "auto":
-        return torch.device("cuda" if torch.cuda.is_available() else "cpu")
+        return torch.device("cuda" if _computes(torch.device("cuda")) else "cpu")
     device = torch.device(name)
     if device.type not in ("cpu", "cuda", "mps", "xpu"):
         raise RuntimeError("it must be auto, cpu, cuda, mps or xpu")
-    torch.zeros(1, device=device)
+    torch.ones(1, device=device).add_(1).tolist()
     return device
+
+
+def _computes(gpu: torch.device) -> bool:
+    """Is there such a GPU, and one that this build of PyTorch has operations for? Says why not, if there is one."""
+    if not torch.cuda.is_available():
+        return False
+    try:
+        return torch.ones(1, device=gpu).add_(1).tolist() == [2.0]
+    except (RuntimeError, AssertionError) as error:
+        reason = next(iter(str(error).splitlines()), "")
+        print(f"the GPU cannot be used, going on without it: {reason}", file=sys.stderr, flush=True)
+        return False

@@ -136,8 +136,13 @@ class GraphNetwork(EnsembleNetwork):
 
     def vjp(self) -> VJP:
         """As `EnsembleNetwork.vjp`, written out; a subclass that computes something else is left to autograd."""
-        known = type(self).logits_of is GraphNetwork.logits_of and type(self.messages) is PrefixMessages
-        return written_out(self) if known else super().vjp()
+        return written_out(self) if self.replayable else super().vjp()
+
+    @property
+    def replayable(self) -> bool:
+        """As `EnsembleNetwork.replayable`: yes, unless a subclass computes something else."""
+        own = (type(self).batcher, type(self).logits_of, type(self.messages))
+        return own == (GraphNetwork.batcher, GraphNetwork.logits_of, PrefixMessages)
 
 
 class TowersGraphNetwork(GraphNetwork):

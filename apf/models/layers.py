@@ -46,11 +46,11 @@ class EnsembleLinear(nn.Module):
         self.bias = nn.Parameter(torch.empty(members, 1, n_out)) if bias and not last_is_one else None
 
     def reset(self, member: int, generator: torch.Generator) -> None:
-        """Draw the initial weights of one member from its own generator."""
+        """Draw the initial weights of one member from its own generator, on the CPU: every device gets the same."""
         weight, last = self.weight.data[member].tensor_split([self.n_varying])
         bias = last if self.bias is None else self.bias.data[member]
-        nn.init.uniform_(weight, -GAIN * self.bound, GAIN * self.bound, generator=generator)
-        nn.init.uniform_(bias, -self.bound, self.bound, generator=generator)
+        for part, bound in ((weight, GAIN * self.bound), (bias, self.bound)):
+            part.copy_(torch.empty(part.shape).uniform_(-bound, bound, generator=generator))
 
     def forward(self, x: Tensor, more: Tensor | None = None, relu: bool = False) -> Tensor:
         """[E, N, in], or [1, N, in] for all members -> [E, N, out], a new tensor that may be changed in place.
@@ -131,6 +131,13 @@ class EnsembleNetwork(nn.Module):
             return logits.detach(), partial(torch.autograd.grad, logits, parameters, materialize_grads=True)
 
         return vjp
+
+    @property
+    def replayable(self) -> bool:
+        """Do the functions of `batcher` and `vjp` repeat the same operations for inputs of the same shapes, whatever
+        the values are, without waiting for the device? Then a GPU repeats a whole update by itself (`Replayed`).
+        """
+        return False
 
     def split(self, vector: Tensor) -> list[Tensor]:
         """Views of a vector that holds a number for each weight of some members, shaped as the parameters are."""

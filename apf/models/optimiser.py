@@ -19,8 +19,8 @@ class AdamW:
         self.means, self.mean_squares = ([torch.zeros_like(w) for w in self.weights] for _ in range(2))
         self.steps = torch.zeros((), device=self.weights[0].device)
 
-    def step(self, gradients: Sequence[Tensor], learning_rate: float) -> None:
-        """Move the weights against their gradients."""
+    def step(self, gradients: Sequence[Tensor], learning_rate: float | Tensor) -> None:
+        """Move the weights against their gradients. learning_rate: a number, or a scalar on the weights' device."""
         self.steps += 1
         torch._fused_adamw_(
             self.weights,

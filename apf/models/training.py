@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import islice
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 import torch
@@ -16,6 +16,7 @@ from torch.nn.utils import parameters_to_vector
 from apf.data import Examples
 from apf.models.layers import EnsembleNetwork
 from apf.models.optimiser import AdamW
+from apf.models.replay import Replayed, Step
 from apf.settings import settings
 
 CHECK = 50
@@ -48,6 +49,16 @@ class Training:
     patience: PositiveInt | None = None
     """Updates after the last of these lowest losses, of whichever member, until such a training ends; None: all."""
 
+    def rates(self) -> list[tuple[float, float]]:
+        """For each update the learning rate, and the share of the new weights in the running mean."""
+        return [
+            (
+                self.learning_rate * min(1.0, update / max(1, self.warmup)),
+                1 - min(self.averaging, update / (update + 9)),
+            )
+            for update in range(1, self.updates + 1)
+        ]
+
 
 @dataclass(frozen=True)
 class History:
@@ -71,8 +82,8 @@ class History:
 Group = tuple[Tensor, Tensor]
 """Features x [M, K, F] and labels y [M, P] of one length."""
 
-Batch = tuple[Any, Tensor]
-"""Examples prepared for a network, and their labels y [E, B, P]."""
+Rates = Sequence[float] | Tensor
+"""Of an update: the learning rate, and the share of the new weights in the running mean."""
 
 
 def fit(
@@ -88,65 +99,100 @@ def fit(
 
     plans: how many labelled plans the training examples are views of.
     validation: to choose by which weights to keep; if empty, the last are kept.
-    generators: one per member, for the order of its examples. turns: for the order of lengths.
+    generators: one per member, for the order of its examples. turns: for the order of lengths. All on the CPU.
     Raises FloatingPointError if a loss is not finite.
     """
     device = next(network.parameters()).device
     train_groups, validation_groups = (_to_device(part, device) for part in (train, validation))
-    members = len(generators)
-    weights = parameters_to_vector(network.parameters()).detach()
-    network.use(weights)
-    decay = training.weight_decay / plans
-    optimiser = AdamW(network.split(weights), decay)
-    mean, kept_weights = weights.clone(), torch.empty_like(weights)
-    lowest, kept = torch.full((members,), torch.inf), torch.zeros(members, dtype=torch.long)
+    updates = Updates(network, train_groups, training.weight_decay / plans)
+    step: Step = updates.step
+    rates: Sequence[Rates] | Tensor = training.rates()
+    if device.type == "cuda" and network.replayable:
+        step, rates = Replayed(step), torch.tensor(rates, device=device)
+    kept = Kept(updates.mean, len(generators))
     losses: list[np.ndarray] = []
-    answers: list[tuple[Tensor, Tensor]] = []  # logits and labels [E, B, P] since the last check
-    drawn_from = [(network.batcher(x, _whole(x, y)), y) for x, y in train_groups]
-    batches = _batches(drawn_from, training.batch, generators, turns)
-    vjp = network.vjp()
-    for update, (prepared, y) in enumerate(islice(batches, training.updates), 1):
-        logits, backward = vjp(prepared)
-        answers.append((logits, y))
-        gradients = backward((logits.sigmoid() - y).mul_(members / y.numel()))  # of each member's mean cross-entropy
-        optimiser.step(gradients, training.learning_rate * min(1.0, update / max(1, training.warmup)))
-        mean.lerp_(weights, 1 - min(training.averaging, update / (update + 9)))
+    answers: list[tuple[Tensor, ...]] = []  # logits and labels [E, B, P] since the last check
+    sizes = [(len(y), y.shape[1]) for _, y in train_groups]
+    batches = _batches(sizes, training.batch, generators, turns, device)
+    for update, (group, rows) in enumerate(islice(batches, training.updates), 1):
+        answers.append(step(group, rows, rates[update - 1]))
         if update % CHECK == 0 or update == training.updates:
-            loss = torch.full((2, members), torch.nan)
-            said, labels = (torch.cat([part.flatten(1) for part in parts], 1) for parts in zip(*answers, strict=True))
-            loss[0] = _loss(said, labels).mean(1)
-            if validation:
-                with _weights(weights, mean):
-                    loss[1] = validation_loss(network, validation_groups)
-            decisive = loss[1 if validation else 0]
-            if not torch.isfinite(decisive).all():
-                worst = decisive[~torch.isfinite(decisive)][0].item()
-                raise FloatingPointError(f"a loss is {worst} after {update} updates")
-            if validation:
-                better = decisive < lowest
-                lowest[better], kept[better] = decisive[better], len(losses)
-                for ours, theirs in zip(network.split(kept_weights), network.split(mean), strict=True):
-                    ours[better] = theirs[better]
-            else:
-                kept.fill_(len(losses))
-                kept_weights.copy_(mean)
-            losses.append(loss.numpy())
+            loss = np.full((2, len(generators)), np.nan, np.float32)
+            logits, labels = (torch.cat([part.flatten(1) for part in parts], 1) for parts in zip(*answers, strict=True))
             answers.clear()
-            since_lowest = CHECK * (len(losses) - 1 - int(kept.max()))
+            loss[0] = _loss(logits, labels).mean(1).numpy(force=True)
+            if validation:
+                with updates.with_mean():
+                    loss[1] = validation_loss(network, validation_groups).numpy(force=True)
+            decisive = loss[1 if validation else 0]
+            if not np.isfinite(decisive).all():
+                worst = decisive[~np.isfinite(decisive)][0]
+                raise FloatingPointError(f"a loss is {worst} after {update} updates")
+            kept.consider(network.split, updates.mean, decisive if validation else None, len(losses))
+            losses.append(loss)
+            since_lowest = CHECK * (len(losses) - 1 - int(kept.check.max()))
             if training.patience and since_lowest >= training.patience:
                 break
-    network.use(kept_weights)
+    network.use(kept.weights)
     train_losses, validation_losses = np.stack(losses, 1)
-    return History(train_losses, validation_losses, kept.numpy())
+    return History(train_losses, validation_losses, kept.check)
 
 
-@contextmanager
-def _weights(weights: Tensor, others: Tensor) -> Iterator[None]:
-    """Other weights in place of these, for a while."""
-    own = weights.clone()
-    weights.copy_(others)
-    yield
-    weights.copy_(own)
+class Updates:
+    """The weights of all members as they are trained, and their running mean: two vectors that stay where they are."""
+
+    def __init__(self, network: EnsembleNetwork, groups: Sequence[Group], weight_decay: float) -> None:
+        self.weights = parameters_to_vector(network.parameters()).detach()
+        self.mean = self.weights.clone()
+        network.use(self.weights)
+        self.sources = [(network.batcher(x, _whole(x, y)), y) for x, y in groups]
+        self.vjp = network.vjp()
+        self.optimiser = AdamW(network.split(self.weights), weight_decay)
+
+    def step(self, group: int, rows: Tensor, rates: Rates) -> tuple[Tensor, Tensor]:
+        """Move each member's weights by its examples, rows [E, B] of a group: logits and labels [E, B, P]."""
+        prepare, y = self.sources[group]
+        learning_rate, share = rates
+        labels = y.index_select(0, rows.view(-1)).view(*rows.shape, -1)
+        logits, backward = self.vjp(prepare(rows))
+        # of each member's mean cross-entropy
+        gradients = backward((logits.sigmoid() - labels).mul_(len(rows) / labels.numel()))
+        self.optimiser.step(gradients, learning_rate)
+        self.mean.lerp_(self.weights, share)
+        return logits, labels
+
+    @contextmanager
+    def with_mean(self) -> Iterator[None]:
+        """The running mean in place of the weights, for a while."""
+        own = self.weights.clone()
+        self.weights.copy_(self.mean)
+        yield
+        self.weights.copy_(own)
+
+
+class Kept:
+    """The weights that each member ends with: the last ones, or those of its lowest validation loss."""
+
+    def __init__(self, weights: Tensor, members: int) -> None:
+        self.weights = torch.empty_like(weights)
+        self.lowest = np.full(members, np.inf)
+        self.check = np.zeros(members, int)
+        """[E] when they were."""
+
+    def consider(
+        self, split: Callable[[Tensor], list[Tensor]], weights: Tensor, loss: np.ndarray | None, check: int
+    ) -> None:
+        """Take the weights of this check for the members [E] whose loss is their lowest; None: for all.
+
+        split: gives the parts of a vector of weights, each with axis E first.
+        """
+        better = np.ones(len(self.check), bool) if loss is None else loss < self.lowest
+        if loss is not None:
+            self.lowest[better] = loss[better]
+        self.check[better] = check
+        members = torch.from_numpy(np.flatnonzero(better)).to(weights.device)
+        for ours, theirs in zip(split(self.weights), split(weights), strict=True):
+            ours.index_copy_(0, members, theirs.index_select(0, members))
 
 
 @torch.inference_mode()
@@ -158,27 +204,27 @@ def validation_loss(network: EnsembleNetwork, groups: Sequence[Group]) -> Tensor
 
 
 def _batches(
-    groups: Sequence[tuple[Callable[[Tensor], Any], Tensor]],
+    sizes: Sequence[tuple[int, int]],
     batch: int,
     generators: list[torch.Generator],
     turns: torch.Generator,
-) -> Iterator[Batch]:
-    """Batches without end, epoch after epoch. groups: what prepares rows of M examples, and their labels y [M, P].
+    device: torch.device,
+) -> Iterator[tuple[int, Tensor]]:
+    """Batches without end, epoch after epoch: the number of a group, and rows [E, B] of it on the device.
+
+    sizes: of each group, how many examples, and how many labels each of them has.
 
     A batch holds about `batch` labels of plans of one length, which makes few and large products. Which length is next
     is the same for all members, so that they have arrays of one shape; the plans are each member's own.
     """
     while True:
         epoch = []
-        for prepare, y in groups:
-            order = torch.stack([torch.randperm(len(y), generator=g) for g in generators]).to(y.device)
-            n = batches_of(len(y), y.shape[1], batch)
-            for part in order.tensor_split(n, dim=1):
-                rows = part.contiguous()
-                epoch.append((prepare, rows, y.index_select(0, rows.view(-1)).view(*rows.shape, -1)))
+        for group, (examples, labels) in enumerate(sizes):
+            order = torch.stack([torch.randperm(examples, generator=g) for g in generators]).to(device)
+            parts = order.tensor_split(batches_of(examples, labels, batch), dim=1)
+            epoch += [(group, part.contiguous()) for part in parts]
         for i in torch.randperm(len(epoch), generator=turns).tolist():
-            prepare, rows, labels = epoch[i]
-            yield prepare(rows), labels
+            yield epoch[i]
 
 
 def batches_of(examples: int, labels: int, batch: int) -> int:

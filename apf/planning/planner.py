@@ -1,6 +1,7 @@
 """The Monte Carlo planner: of many random plans, the one of highest expected value (Section Evaluation phase)."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,7 +14,8 @@ from apf.tasks import Task
 
 ROUNDS = ((0.2, 0.5), (1.0,))
 """How far through the members the looks at each prefix are, round by round. Most candidates are hopeless, and a few
-members can tell; so half of them are asked about all prefixes before the others are."""
+members can tell; so half of them are asked about all prefixes before the others are. Members that answer together are
+all asked at once."""
 
 NARROWING = 0.5
 """Share of a wave that is followed from one look to the next."""
@@ -52,10 +54,10 @@ class Look:
         return self.members.stop - self.members.start
 
 
-def _looks(lengths: range, members: int) -> list[Look]:
+def _looks(lengths: range, members: int, rounds: Sequence[Sequence[float]]) -> list[Look]:
     """All looks at a candidate, in their order."""
     asked, looks = dict.fromkeys(lengths, 0), []
-    for shares in ROUNDS:
+    for shares in rounds:
         for length in lengths:
             for end in (math.ceil(share * members) for share in shares):
                 if end > asked[length]:
@@ -77,7 +79,7 @@ class Pool:
         self.predictor = predictor
         self.rng = rng
         lengths = range(2 if predictor.by_prefix else candidates.length, candidates.length + 1)
-        self.looks = _looks(lengths, predictor.members)
+        self.looks = _looks(lengths, predictor.members, ((1.0,),) if predictor.together else ROUNDS)
         self.bound = np.ones(len(candidates))
         self.n_looks = np.zeros(len(candidates), np.int16)
         self._sums = np.zeros((len(candidates), len(lengths)))  # of what members say of each prefix

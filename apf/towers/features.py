@@ -1,7 +1,11 @@
 """What a network sees of each placement."""
 
+from functools import lru_cache
+
 import numpy as np
 
+from apf.towers.blocks import BlockSet
+from apf.towers.rotations import ROTATIONS
 from apf.towers.towers import Towers
 
 N_FEATURES = 10
@@ -23,12 +27,20 @@ def features(towers: Towers) -> np.ndarray:
     """
     n, k = towers.block.shape
     x = np.empty((n, k, N_FEATURES), np.float32)
-    x[..., MASS] = (towers.mass - MEAN_MASS) * 2
-    x[..., 1:4] = towers.com / LENGTH
-    x[..., 4:7] = towers.dims / LENGTH - 1
+    x[..., :POSITION_X] = _own_features(towers.blocks).take(towers.rotated, axis=0)
     x[..., 7:9] = (towers.xy - towers.xy[:, :1]) / LENGTH
     x[..., 9] = (towers.z - towers.z[:, :1]) / LENGTH
     return x
+
+
+@lru_cache(maxsize=8)
+def _own_features(blocks: BlockSet) -> np.ndarray:
+    """[B x 24, 7] float32 of each block in each rotation: all features but its position."""
+    own = np.empty((len(blocks), len(ROTATIONS), POSITION_X), np.float32)
+    own[..., MASS] = (blocks.mass[:, None] - MEAN_MASS) * 2
+    own[..., 1:4] = blocks.rotated_com / LENGTH
+    own[..., 4:7] = blocks.rotated_dims / LENGTH - 1
+    return own.reshape(-1, POSITION_X)
 
 
 def mirrored(x: np.ndarray) -> np.ndarray:

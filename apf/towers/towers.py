@@ -10,7 +10,7 @@ from pydantic import Field, PositiveFloat
 
 from apf.settings import settings
 from apf.towers.blocks import BlockSet
-from apf.towers.rotations import TURN
+from apf.towers.rotations import ROTATIONS, TURN
 
 
 @settings
@@ -71,14 +71,19 @@ class Towers:
         )
 
     @cached_property
+    def rotated(self) -> np.ndarray:
+        """[N, K] block and rotation as one number: where they stand in a table [B x 24, ...] of rotated blocks."""
+        return self.block.astype(np.intp) * len(ROTATIONS) + self.rotation
+
+    @cached_property
     def dims(self) -> np.ndarray:
         """[N, K, 3] sides along the world's axes [m]."""
-        return self.blocks.rotated_dims[self.block, self.rotation]
+        return self.blocks.rotated_dims.reshape(-1, 3).take(self.rotated, axis=0)
 
     @cached_property
     def com(self) -> np.ndarray:
         """[N, K, 3] centre of mass relative to the centre of geometry, along the world's axes [m]."""
-        return self.blocks.rotated_com[self.block, self.rotation]
+        return self.blocks.rotated_com.reshape(-1, 3).take(self.rotated, axis=0)
 
     @cached_property
     def mass(self) -> np.ndarray:
@@ -88,7 +93,7 @@ class Towers:
     @cached_property
     def z(self) -> np.ndarray:
         """[N, K] height of each centre of geometry above the table [m]."""
-        height = self.dims[..., 2]
+        height = self.blocks.rotated_dims[..., 2].take(self.rotated)
         return np.cumsum(height, axis=1) - height / 2
 
     def turned(self, quarters: int) -> "Towers":

@@ -10,7 +10,6 @@ from pathlib import Path
 import pytest
 import torch
 
-import apf.main
 from integration.command_line import SMOKE, TINY, Result, call, spawn
 
 
@@ -86,9 +85,3 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """An empty folder that is the current directory."""
     monkeypatch.chdir(tmp_path)
     return tmp_path
-
-
-@pytest.fixture
-def no_figures(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Figures take most of the time of a tiny run, and do not always matter."""
-    monkeypatch.setattr(apf.main, "save_figures", lambda directory: None)

@@ -1,0 +1,41 @@
+"""The commands of a newcomer with a GPU, on a pretended one: `device` stays auto."""
+
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from pretend_gpu import pretend_gpu
+
+from integration.command_line import TINY, call
+
+pytestmark = pytest.mark.usefixtures("no_figures")
+
+
+def tables(run: Path) -> dict[str, pd.DataFrame]:
+    """The tables of a run, by name."""
+    return {name: pd.read_parquet(run / f"{name}.parquet") for name in ("towers", "regret", "accuracy")}
+
+
+@pytest.mark.parametrize("model", ["tgn", "fcgn", "lstm"])
+def test_a_run_on_a_gpu_does_what_one_on_a_cpu_does(here: Path, model: str) -> None:
+    command = (*TINY, f"model={model}")
+    with pretend_gpu() as gpu:
+        call(*command, "hydra.run.dir=there").must_work()
+    assert gpu.moves > 0
+    call(*command, "hydra.run.dir=here").must_work()
+    there = tables(here / "there")
+    for name, table in tables(here / "here").items():
+        pd.testing.assert_frame_equal(there[name], table, rtol=0.01)
+
+
+def test_a_run_that_began_on_one_device_goes_on_on_another(here: Path) -> None:
+    with pretend_gpu():
+        call(*TINY, "towers=10", "hydra.run.dir=run").must_work()
+    before = tables(here / "run")
+    call("resume=run", "towers=12", "device=cpu").must_work()
+    with pretend_gpu():
+        call("resume=run", "towers=14").must_work()
+    after = tables(here / "run")
+    assert after["towers"]["tower"].max() == 13
+    for name, table in before.items():
+        pd.testing.assert_frame_equal(after[name][after[name]["step"] < 2].reset_index(drop=True), table)
