@@ -2,6 +2,7 @@
 
 Prints one table: for each operation its time, its rate, how many times faster it is than the plain reference, its share
 of the machine's limit, and whether its target holds. All on one thread, in one process, both sides in turn.
+With `--device cuda` the operations run on a GPU, and the reference is the same code on a core of the CPU.
 """
 
 import argparse
@@ -10,10 +11,12 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+import torch
 from rich.console import Console
 from rich.table import Table
 
 from apf.cpu import set_up_cpu
+from benchmarks import gpu
 from benchmarks.operations import ONLY_FULL, OPERATIONS
 from benchmarks.setting import FULL, QUICK, Setting
 from benchmarks.timing import Row, measure
@@ -21,23 +24,31 @@ from benchmarks.timing import Row, measure
 COLUMNS = ["operation", "seconds", "rate", "reference_ratio", "limit_share", "target", "holds"]
 
 
+TABLES = {"cpu": OPERATIONS, "cuda": gpu.OPERATIONS}
+"""What is timed, by where networks run."""
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Entry point of the command."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description="How fast each operation is.")
     parser.add_argument("--quick", action="store_true", help="smaller sizes, about a minute")
     parser.add_argument("--csv", type=Path, metavar="FILE", help="write the table there too")
-    parser.add_argument(
-        "--only", nargs="+", metavar="NAME", choices=list(OPERATIONS), help=f"some of: {', '.join(OPERATIONS)}"
-    )
+    parser.add_argument("--device", default="cpu", choices=list(TABLES), help="where networks run (default: cpu)")
+    parser.add_argument("--only", nargs="+", metavar="NAME", help="some of the operations, by their short names")
     options = parser.parse_args(arguments)
-    names = options.only or [name for name in OPERATIONS if not (options.quick and name in ONLY_FULL)]
+    operations = TABLES[options.device]
+    if unknown := [name for name in options.only or () if name not in operations]:
+        parser.error(f"--only {unknown[0]}: there is no such operation; choose from {', '.join(operations)}")
+    if options.device == "cuda" and not torch.cuda.is_available():
+        parser.error("--device cuda: PyTorch finds no GPU here")
+    names = options.only or [name for name in operations if not (options.quick and name in ONLY_FULL)]
     set_up_cpu(1)
-    setting = Setting(QUICK if options.quick else FULL)
+    setting = Setting(QUICK if options.quick else FULL, options.device)
     progress, rows = Console(stderr=True), list[Row]()
     with progress.status("") as status:
         for name in names:
             status.update(f"{name}: comparing the results with the reference's")
-            case = OPERATIONS[name](setting)
+            case = operations[name](setting)
             rows.append(measure(case, setting.sizes.enough, status.update))
             if not progress.is_terminal:
                 progress.print(f"{name}: {rows[-1].seconds:.3g} s", highlight=False)

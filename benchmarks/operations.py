@@ -223,12 +223,12 @@ def plan(setting: Setting) -> Case:
     )
 
 
-def run(setting: Setting) -> Case:
+def run(setting: Setting, device: str, target: Target) -> Case:
     """A whole run with the default config, by its command."""
 
     def work() -> None:
         with tempfile.TemporaryDirectory() as directory:
-            command = [sys.executable, "-m", "apf.main", "tracker=none", "device=cpu", "threads=1"]
+            command = [sys.executable, "-m", "apf.main", "tracker=none", f"device={device}", "threads=1"]
             environment = os.environ | {"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
             subprocess.run(
                 [*command, f"hydra.run.dir={directory}/run"],
@@ -243,8 +243,9 @@ def run(setting: Setting) -> Case:
         unit="towers",
         amount=400,
         ours=Timed(work),
-        target=Target(seconds=600),
-        note="python -m apf.main: evaluation every 100 towers, 50 problems, three tasks; one thread; timed once",
+        target=target,
+        note=f"python -m apf.main: evaluation every 100 towers, 50 problems, three tasks; {device}, one thread of the "
+        "CPU; timed once",
         repetitions=1,
     )
 
@@ -265,7 +266,7 @@ OPERATIONS: dict[str, Callable[[Setting], Case]] = {
     "bald": bald,
     "plan": plan,
     "acquisition": acquisition,
-    "run": run,
+    "run": partial(run, device="cpu", target=Target(seconds=600)),
 }
 """By their short names, in the order of the table."""
 

@@ -76,8 +76,13 @@ QUICK = Sizes(
 class Setting:
     """The default config in these sizes, and what is made from it, once each."""
 
-    def __init__(self, sizes: Sizes) -> None:
+    def __init__(self, sizes: Sizes, device: str = "cpu") -> None:
         self.sizes = sizes
+        self.device = device
+
+    def on(self, device: str) -> "Setting":
+        """The same on another device."""
+        return Setting(self.sizes, device)
 
     def config(self, *overrides: str) -> tuple[DictConfig, Config]:
         """The config composed and checked."""
@@ -89,7 +94,7 @@ class Setting:
             f"sampler.candidates.n={self.sizes.candidates}",
             f"planner.candidates={self.sizes.plan_candidates}",
             "tracker=none",
-            "device=cpu",
+            f"device={self.device}",
         ]
         with initialize_config_dir(config_dir(), version_base="1.3"):
             cfg = compose("config", [*sizes, *overrides])

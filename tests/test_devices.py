@@ -25,7 +25,9 @@ from apf.models import (
 from apf.models import training as training_module
 from apf.models.replay import Replayed
 from apf.planning import MonteCarloPlanner
+from benchmarks import gpu
 from benchmarks.setting import QUICK, Setting
+from benchmarks.timing import measure
 
 NETWORKS = {
     "tgn": partial(TowersGraphNetwork, hidden=8),
@@ -235,3 +237,15 @@ class TestAuto:
         monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
         assert pick_device("auto") == CPU
         assert capsys.readouterr().err.startswith("the GPU cannot be used, going on without it: ")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [name for name in gpu.OPERATIONS if name != "run"])
+def test_the_benchmarks_of_a_gpu_compare_it_with_the_cpu(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(gpu, "UPDATES", 10)
+    monkeypatch.setattr(gpu, "UPDATES_ON_CPU", 2)
+    sizes = replace(QUICK, labelled=40, updates=20, candidates=100, plan_candidates=300, repetitions=1)
+    with pretend_gpu():
+        row = measure(gpu.OPERATIONS[name](Setting(sizes, "cuda")), enough=0.01)
+    assert row.seconds > 0
+    assert row.reference_ratio is not None
