@@ -169,7 +169,9 @@ def _expressions(node: ast.expr) -> Iterator[ast.expr]:
 
 
 def _is_text(*nodes: ast.expr) -> bool:
-    return any(isinstance(n, ast.JoinedStr) or (isinstance(n, ast.Constant) and isinstance(n.value, str)) for n in nodes)
+    return any(
+        isinstance(n, ast.JoinedStr) or (isinstance(n, ast.Constant) and isinstance(n.value, str)) for n in nodes
+    )
 
 
 def _slices(index: ast.expr) -> Iterator[ast.expr]:

@@ -212,7 +212,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
             few = n if options.sample is None else min(n, options.sample)
             return sorted(random.Random(options.seed).sample(range(n), few))
 
-        part = try_mutants(ROOT / path, tests, chosen, equivalents(path), lambda line: console.print(line, markup=False))
+        part = try_mutants(
+            ROOT / path, tests, chosen, equivalents(path), lambda line: console.print(line, markup=False)
+        )
         parts.append(part)
         counts = part.tried, part.equivalent, part.noticed, len(part.survivors)
         table.add_row(part.path, *map(str, counts), f"{part.share:.1%}")
