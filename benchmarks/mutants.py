@@ -47,10 +47,12 @@ CONDITIONS = (ast.If, ast.IfExp, ast.While, ast.comprehension)
 
 @dataclass(frozen=True)
 class Mutant:
-    """One change: in place of `parent.field` (or of its item `index`) stands `new`."""
+    """One change: in place of `parent.field` (or of its item `index`) stands `new`; `before` and `after` are the line
+    that it changes, as Python writes it."""
 
     line: int
-    what: str
+    before: str
+    after: str
     parent: ast.AST
     field: str
     index: int | None
@@ -58,10 +60,7 @@ class Mutant:
 
     def apply(self) -> None:
         """Change the tree that the mutant was found in."""
-        if self.index is None:
-            setattr(self.parent, self.field, self.new)
-        else:
-            getattr(self.parent, self.field)[self.index] = self.new
+        _put(self.parent, self.field, self.index, self.new)
 
 
 def mutants(tree: ast.Module) -> list[Mutant]:
@@ -70,28 +69,37 @@ def mutants(tree: ast.Module) -> list[Mutant]:
     Left alone: docstrings, types, decorators, what an error says, `__all__`, and `strict=` (which only guards).
     """
     found = []
-    for parent, field, index, node in _nodes(tree):
+    for parent, field, index, node, statement in _nodes(tree, tree):
         for new in _replacements(parent, field, node):
             ast.fix_missing_locations(ast.copy_location(new, node))
-            what = f"{_text(node)}  ->  {_text(new)}"
-            found.append(Mutant(getattr(node, "lineno", 0), what, parent, field, index, new))
+            whole = statement if statement is not node else None
+            before = ast.unparse(whole or node).splitlines()
+            _put(parent, field, index, new)
+            after = ast.unparse(whole or new).splitlines()
+            _put(parent, field, index, node)
+            lines = next((pair for pair in zip(before, after, strict=False) if pair[0] != pair[1]), (before[0], ""))
+            line = getattr(node, "lineno", getattr(statement, "lineno", 0))
+            found.append(Mutant(line, *(text.strip() for text in lines), parent, field, index, new))
     return found
 
 
-def _text(node: ast.AST) -> str:
-    lines = ast.unparse(node).splitlines()
-    return lines[0] if len(lines) == 1 else f"{lines[0]} ..."
+def _put(parent: ast.AST, field: str, index: int | None, node: ast.AST) -> None:
+    if index is None:
+        setattr(parent, field, node)
+    else:
+        getattr(parent, field)[index] = node
 
 
-def _nodes(node: ast.AST) -> Iterator[tuple[ast.AST, str, int | None, ast.AST]]:
-    """Every node below this one that may change: its parent, and where it stands in it."""
+def _nodes(node: ast.AST, statement: ast.AST) -> Iterator[tuple[ast.AST, str, int | None, ast.AST, ast.AST]]:
+    """Every node below this one that may change: its parent, where it stands in it, itself, and its statement."""
     for field, value in ast.iter_fields(node):
         if field in ("decorator_list", "returns", "keywords") and isinstance(node, ast.ClassDef | ast.FunctionDef):
             continue
         for index, child in enumerate(value if isinstance(value, list) else [value]):
             if isinstance(child, ast.AST) and not _left_alone(node, field, child):
-                yield node, field, index if isinstance(value, list) else None, child
-                yield from _nodes(child)
+                own = child if isinstance(child, ast.stmt) else statement
+                yield node, field, index if isinstance(value, list) else None, child, own
+                yield from _nodes(child, own)
 
 
 def _left_alone(parent: ast.AST, field: str, node: ast.AST) -> bool:

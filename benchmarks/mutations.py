@@ -18,9 +18,9 @@ import signal
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
-from fnmatch import fnmatchcase
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from types import CodeType, ModuleType
 
@@ -28,7 +28,7 @@ import yaml
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.mutants import Mutant, mutants
+from benchmarks.mutants import mutants
 
 ROOT = Path(__file__).parents[1]
 EQUIVALENT = Path(__file__).with_name("equivalent_mutants.yaml")
@@ -44,7 +44,7 @@ TESTS = {
     "apf/acquisition/bald.py": ("test_bald", "test_samplers"),
     "apf/acquisition/candidates.py": ("test_samplers",),
     "apf/acquisition/sampler.py": ("test_samplers",),
-    "apf/acquisition/scores.py": ("test_bald", "test_samplers"),
+    "apf/acquisition/scores.py": ("test_scores", "test_samplers"),
     "apf/planning/evaluation.py": ("test_evaluation",),
     "apf/planning/planner.py": ("test_planner", "test_evaluation"),
     "apf/planning/predictors.py": ("test_predictors",),
@@ -65,7 +65,7 @@ class Part:
     tried: int = 0
     noticed: int = 0
     equivalent: int = 0
-    survivors: list[str] = field(default_factory=list)
+    survived: int = 0
 
     @property
     def share(self) -> float:
@@ -147,10 +147,10 @@ def try_mutants(
     path: Path,
     tests: Sequence[Path],
     chosen: Callable[[int], Sequence[int]],
-    reason: Callable[[str], str | None],
+    known: Mapping[tuple[str, str], str],
     on_result: Callable[[str], None],
 ) -> Part:
-    """Run the tests against mutants of a file. chosen: which of so many. reason: why one is equivalent, if it is.
+    """Run the tests against mutants of a file. chosen: which of so many. known: see `equivalents`.
 
     Raises RuntimeError if the tests fail without any change.
     """
@@ -168,30 +168,23 @@ def try_mutants(
             mutant.apply()
             code = in_a_fork(lambda tree=tree: run_tests(tests, Mutated(path, tree), log), limit)  # type: ignore[misc]
             part.tried += 1
-            line = _line(part.path, mutant)
             if code != 0:
                 part.noticed += 1
-            elif why := reason(mutant.what):
+                continue
+            change = f"{part.path}:{mutant.line}\n  - - {mutant.before}\n    - {mutant.after}"
+            if why := known.get((mutant.before, mutant.after)):
                 part.equivalent += 1
-                on_result(f"{line}   equivalent: {why}")
+                on_result(f"{change}\n  equivalent: {why}")
             else:
-                part.survivors.append(line)
-                on_result(line)
+                part.survived += 1
+                on_result(change)
     return part
 
 
-def _line(path: str, mutant: Mutant) -> str:
-    return f"{path}:{mutant.line}: {mutant.what}"
-
-
-def equivalents(path: str) -> Callable[[str], str | None]:
-    """Looks up why a mutant of the file changes nothing, if that is known."""
+def equivalents(path: str) -> dict[tuple[str, str], str]:
+    """Why mutants of the file, each by its line before and after, change nothing, as far as that is known."""
     known = yaml.safe_load(EQUIVALENT.read_text()).get(path, {})
-
-    def reason(what: str) -> str | None:
-        return next((why for why, patterns in known.items() if any(fnmatchcase(what, p) for p in patterns)), None)
-
-    return reason
+    return {(before, after): why for why, lines in known.items() for before, after in lines}
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -204,6 +197,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     import_libraries()
     console = Console(highlight=False, soft_wrap=True)
     table = Table("file", "mutants", "equivalent", "noticed", "survived", "share", box=None, pad_edge=False)
+    show = partial(console.print, markup=False)
     parts = []
     for path in options.only or TESTS:
         tests = [ROOT / "tests" / f"{name}.py" for name in TESTS[path]]
@@ -212,11 +206,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
             few = n if options.sample is None else min(n, options.sample)
             return sorted(random.Random(options.seed).sample(range(n), few))
 
-        part = try_mutants(
-            ROOT / path, tests, chosen, equivalents(path), lambda line: console.print(line, markup=False)
-        )
+        part = try_mutants(ROOT / path, tests, chosen, equivalents(path), show)
         parts.append(part)
-        counts = part.tried, part.equivalent, part.noticed, len(part.survivors)
+        counts = part.tried, part.equivalent, part.noticed, part.survived
         table.add_row(part.path, *map(str, counts), f"{part.share:.1%}")
     console.print(table)
     sys.exit(0 if all(part.share >= ENOUGH for part in parts) else 1)
