@@ -6,10 +6,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
+from apf.interrupts import time_limit
 from apf.planning import AnalyticPredictor, MonteCarloPlanner
 from apf.predictor import Predictor
 from apf.tasks import Overhang, Tallest, Task, Unsupported
 from apf.towers import Offset, random_towers, stands
+
+ENOUGH = 20.0
+"""Seconds for a plan that takes milliseconds: a search that gets nowhere fails, and does not hang."""
 
 MANY = settings(max_examples=250)
 chunks = st.sampled_from([1, 2, 7, 1024])
@@ -154,7 +158,8 @@ def exhaustive(plans):
 
 def plan(plans, predictor, chunk=1024):
     planner = MonteCarloPlanner(candidates=len(plans), chunk=chunk)
-    return planner.plan(Worth(), planner.pool(plans, predictor, np.random.default_rng(0)))
+    with time_limit(ENOUGH):
+        return planner.plan(Worth(), planner.pool(plans, predictor, np.random.default_rng(0)))
 
 
 @st.composite
@@ -178,6 +183,17 @@ def fine_cases(draw):
     chance[near] = chance[copies][near]
     value[near] = value[copies][near] * (1 + 1e-6 * rng.normal(size=near.sum()))
     return make(chance, value)
+
+
+@pytest.mark.parametrize("predictor", [ByPrefix, Whole, Members, MembersOfWhole])
+@pytest.mark.parametrize("chunk", [1, 3, 1024])
+def test_every_search_ends(predictor, chunk):
+    rng = np.random.default_rng(0)
+    for share in (0.0, 0.5, 1.0):
+        plans = make(np.where(rng.random((40, 3)) < share, 1.0, 0.5), rng.uniform(1, 2, 40))
+        row, expected = exhaustive(plans)
+        choice = plan(plans, predictor(), chunk)
+        assert (choice.index, choice.expected) == (row, pytest.approx(expected))
 
 
 @MANY

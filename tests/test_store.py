@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable, Iterator
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -254,7 +255,7 @@ class TestOneTower:
             filled.tower(number)
 
     def test_of_none(self, store: Store) -> None:
-        with pytest.raises(InputError, match="^tower is 0; none has labels in .*run$"):
+        with pytest.raises(InputError, match=r"^tower is 0; none has labels in .*run$"):
             store.tower(0)
 
 
@@ -502,7 +503,7 @@ class TestOpening:
             seen.append(state(store))
             store = open_store()
             assert state(store) == seen[-1]
-        assert all(before != after for before, after in zip(seen, seen[1:], strict=False))
+        assert all(before != after for before, after in pairwise(seen))
 
     @pytest.mark.parametrize(
         ("record", "kind"),
