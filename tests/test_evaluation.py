@@ -145,6 +145,11 @@ def problem(domain: TowerDomain, number: int, candidates: int = CANDIDATES) -> T
     return domain.problem(3, candidates, stream(5, "problem", number))
 
 
+def test_columns_are_those_that_the_tables_on_disk_have() -> None:
+    assert " ".join(REGRET_COLUMNS) == "step towers task problem world value best_value regret feasible"
+    assert " ".join(ACCURACY_COLUMNS) == "step towers length accuracy auc n"
+
+
 class TestRegret:
     def test_who_knows_what_stands_regrets_nothing_where_it_stands(self, domain: TowerDomain) -> None:
         worlds = {"analytic": AnalyticWorld(), "falls": Falls()}
@@ -216,7 +221,10 @@ class TestRegret:
             evaluator.regret(predictor, step=step, towers=70)
             drawn.append([*predictor.drew, *worlds["one"].drew, *worlds["other"].drew])
             assert all(len(tower) == 1 for world in worlds.values() for tower in world.tried)
-        assert [len(numbers) for numbers in drawn] == [2 + 4 + 4] * 3
+        purposes = [stream(5, "predictor", 3, number) for number in range(2)]
+        for world in ("one", "other"):
+            purposes += [stream(5, f"reward in {world}", 3, number, task) for number in range(2) for task in range(2)]
+        assert drawn[0] == [rng.random() for rng in purposes]
         assert drawn[0] == drawn[1]
         assert len({*drawn[0], *drawn[2]}) == 20
 
@@ -256,6 +264,8 @@ class TestAccuracy:
             assert plans.blocks == domain.evaluation_blocks or plans.blocks.equals(domain.evaluation_blocks)
             assert (plans.length, labels.sum(), labels.dtype) == (length, 10, bool)
             np.testing.assert_array_equal(labels, stands(plans))
+            expected, _ = domain.balanced(length, 20, stream(5, "test set", length))
+            np.testing.assert_array_equal(plans.xy, expected.xy)
             again, _ = evaluator.test_set(length)
             assert again is plans, "drawn once"
             others = evaluator_with(domain, lengths=[2, 4], test_towers=20)[0].test_set(length)
@@ -268,7 +278,8 @@ class TestAccuracy:
         evaluator, _ = evaluator_with(domain, lengths=[2, 3])
         for step in (0, 1, 1):
             evaluator.accuracy(predictor, step=step, towers=0)
-        assert len(set(predictor.drew[:4])) == 4
+        purposes = [stream(5, "accuracy", step, length) for step in (0, 1) for length in (2, 3)]
+        assert predictor.drew[:4] == [rng.random() for rng in purposes]
         assert predictor.drew[2:4] == predictor.drew[4:]
 
     def test_without_test_towers_there_are_no_rows(self, domain: TowerDomain) -> None:

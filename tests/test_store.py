@@ -254,6 +254,12 @@ class TestOneTower:
         with pytest.raises(InputError, match=rf"^tower is {number}; towers 0 to 3 have labels in .*run$"):
             filled.tower(number)
 
+    def test_numbers_are_not_counted_from_the_end(self, filled: Store) -> None:
+        filled.record(4, np.array([1, 1, 1]))
+        assert filled.tower(4).labels == "111"
+        with pytest.raises(InputError, match=r"^tower is -1; towers 0 to 4 have labels"):
+            filled.tower(-1)
+
     def test_of_none(self, store: Store) -> None:
         with pytest.raises(InputError, match=r"^tower is 0; none has labels in .*run$"):
             store.tower(0)

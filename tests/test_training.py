@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from pydantic import ValidationError
 from torch import nn
 
 from apf.data import Kind, Labelled, examples
@@ -24,7 +25,7 @@ from apf.models import (
 from apf.models import training as training_module
 from apf.models.ensemble import SIZES
 from apf.models.optimiser import AdamW
-from apf.models.training import CHECK, _batches, batches_of, fit, validation_loss
+from apf.models.training import CHECK, History, _batches, batches_of, fit, validation_loss
 from apf.towers import TowerDomain, Towers, random_towers, standing_prefixes
 from apf.towers.features import features, mirrored, weighed
 from apf.worlds import AnalyticWorld
@@ -143,6 +144,106 @@ def test_stopped_early_each_member_keeps_the_weights_of_its_own_best_check(monke
     for number, weight in enumerate(model.network.parameters()):
         for member, check in enumerate([1, 2]):
             assert torch.equal(weight[member], seen[check][number][member])
+
+
+def trained(model: Ensemble, *parts: list[Labelled]) -> History:
+    """Fit the ensemble to training and validation plans as they are."""
+    generators = [torch.Generator().manual_seed(member) for member in range(model.members)]
+    model.network.reset(generators)
+    groups = [examples(part, Kind.SUBSEQUENCE, DOMAIN) for part in parts]
+    return fit(model.network, *groups, model.training, generators, torch.Generator(), plans=20)
+
+
+def test_a_look_at_the_validation_loss_changes_nothing_of_the_training() -> None:
+    train, validation = [labelled(2, 20, 1), labelled(4, 20, 2)], [labelled(3, 8, 3)]
+    looked, blind = (trained(ensemble(updates=4 * CHECK), train, part) for part in (validation, []))
+    assert looked.train_loss.shape == (4, 3)
+    np.testing.assert_array_equal(looked.train_loss, blind.train_loss)
+    assert np.isfinite(looked.validation_loss).all()
+    assert np.isnan(blind.validation_loss).all()
+
+
+def test_the_validation_loss_is_that_of_the_weights_that_are_kept() -> None:
+    model, validation = ensemble(updates=2 * CHECK, averaging=0.9), [labelled(3, 30, 3), labelled(2, 30, 4)]
+    history = trained(model, [labelled(3, 30, 1), labelled(2, 30, 2)], validation)
+    assert history.kept.tolist() == history.validation_loss.argmin(0).tolist()
+    groups = [(torch.from_numpy(e.x), torch.from_numpy(e.y)) for e in examples(validation, Kind.SUBSEQUENCE, DOMAIN)]
+    assert len({len(x) for x, _ in groups}) == len(groups) == 2
+    said = validation_loss(model.network, groups)
+    np.testing.assert_allclose(said.numpy(), history.validation_loss.min(0), rtol=1e-5)
+
+
+def test_losses_of_a_check_are_means_over_the_updates_since_the_check_before() -> None:
+    """With a learning rate of almost nothing each loss is that of the first weights, over the labels of the batches."""
+    group = labelled(2, 10, 1)  # seen from eight sides each: 80 labels, one batch
+    model = ensemble(updates=CHECK + 3, learning_rate=1e-12, weight_decay=0, batch=80)
+    history = trained(model, [group], [])
+    (whole,) = examples([group], Kind.SUBSEQUENCE, DOMAIN)
+    expected = validation_loss(model.network, [(torch.from_numpy(whole.x), torch.from_numpy(whole.y))])
+    np.testing.assert_allclose(history.train_loss, np.stack([expected.numpy()] * 2), rtol=1e-4)
+    assert len({round(float(loss), 4) for loss in expected}) == 3
+
+
+def test_an_update_follows_the_gradient_of_each_members_mean_cross_entropy(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[list[torch.Tensor]] = []
+    monkeypatch.setattr(AdamW, "step", lambda self, gradients, rate: seen.append([g.clone() for g in gradients]))
+    group = labelled(3, 10, 1)
+    model = ensemble(updates=1, batch=1000)
+    for part in examples([group], Kind.SUBSEQUENCE, DOMAIN):
+        seen.clear()
+        generators = [torch.Generator().manual_seed(member) for member in range(3)]
+        model.network.reset(generators)
+        fit(model.network, [part], [], model.training, generators, torch.Generator(), plans=20)
+        x, y = torch.from_numpy(part.x), torch.from_numpy(part.y)
+        logits = model.network(x.expand(3, *x.shape), y.shape[1] < x.shape[1] - 1)
+        loss = nn.functional.binary_cross_entropy_with_logits(logits, y.expand_as(logits), reduction="none")
+        expected = torch.autograd.grad(loss.mean((1, 2)).sum(), list(model.network.parameters()))
+        for ours, theirs in zip(seen[0], expected, strict=True):
+            torch.testing.assert_close(ours, theirs, rtol=1e-3, atol=1e-6)
+
+
+@pytest.mark.parametrize(("weight_decay", "plans"), [(40.0, 20), (10.0, 40), (0.0, 5)])
+def test_weight_decay_counts_for_less_the_more_plans_there_are(
+    weight_decay: float, plans: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made: list[float] = []
+    make = AdamW.__init__
+
+    def noted(self: AdamW, weights: list[torch.Tensor], decay: float) -> None:
+        made.append(decay)
+        make(self, weights, decay)
+
+    monkeypatch.setattr(AdamW, "__init__", noted)
+    model = ensemble(updates=1, weight_decay=weight_decay)
+    model.fit([labelled(2, plans // 5, 1)], [labelled(3, plans - plans // 5, 2)], np.random.default_rng(0))
+    assert made == [weight_decay / plans]
+
+
+@pytest.mark.parametrize(("early_stopping", "what"), [(True, "inf"), (False, "nan")])
+def test_a_loss_that_is_not_finite_is_named(early_stopping: bool, what: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(logits: torch.Tensor, y: torch.Tensor) -> torch.Tensor:
+        return torch.full_like(logits, float(what))
+
+    monkeypatch.setattr(training_module, "_loss", broken)
+    model = ensemble(updates=2 * CHECK, early_stopping=early_stopping)
+    with pytest.raises(FloatingPointError, match=f"^a loss is {what} after {CHECK} updates$"):
+        model.fit([labelled(2, 20, 1)], [labelled(2, 8, 2)], np.random.default_rng(0))
+
+
+def test_settings_out_of_range_are_refused() -> None:
+    Training(learning_rate=1e-9, warmup=0, weight_decay=0, batch=1, updates=1, averaging=0, patience=1)
+    for name, values in {
+        "learning_rate": (0, -1),
+        "warmup": (-1,),
+        "weight_decay": (-0.1,),
+        "batch": (0,),
+        "updates": (0,),
+        "averaging": (-0.1, 1, 1.5),
+        "patience": (0,),
+    }.items():
+        for value in values:
+            with pytest.raises(ValidationError, match=name):
+                Training(**{name: value})
 
 
 def test_patience_ends_early_stopping_when_no_member_has_improved_for_so_long() -> None:
