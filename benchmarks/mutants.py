@@ -79,8 +79,14 @@ def mutants(tree: ast.Module) -> list[Mutant]:
             _put(parent, field, index, node)
             lines = next((pair for pair in zip(before, after, strict=False) if pair[0] != pair[1]), (before[0], ""))
             line = getattr(node, "lineno", getattr(statement, "lineno", 0))
-            found.append(Mutant(line, *(text.strip() for text in lines), parent, field, index, new))
+            found.append(Mutant(line, *_shown(*lines), parent, field, index, new))
     return found
+
+
+def _shown(before: str, after: str) -> tuple[str, str]:
+    """Both lines; one that is left out stays as a comment, so that no two lines look the same."""
+    before, after = before.strip(), after.strip()
+    return before, f"{after}  # {before}" if after in ("pass", "return") else after
 
 
 def _put(parent: ast.AST, field: str, index: int | None, node: ast.AST) -> None:

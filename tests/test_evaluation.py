@@ -211,6 +211,7 @@ class TestRegret:
         stood = [bool(stands(problem(domain, number, 1))[0]) for number in range(10)]
         assert table["regret"].notna().tolist() == [value for value in stood for _ in TASKS]
         assert table["best_value"].gt(0).tolist() == [value for value in stood for _ in TASKS]
+        assert set(table["best_value"][table["regret"].isna()]) == {0.0}
 
     def test_every_draw_is_its_own_and_the_same_each_time(self, domain: TowerDomain) -> None:
         drawn = []
