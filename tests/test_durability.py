@@ -66,6 +66,7 @@ def test_a_record_is_durable_once_append_returns(disk: Disk, tmp_path: Path) -> 
     path = tmp_path / "journal.jsonl"
     journal = Journal(path)
     assert path.name in disk.folders[tmp_path.stat().st_ino], "the file's own name"
+    assert not journal.torn
     for number in range(3):
         journal.append("label", tower=number)
         assert disk.holds(path)
@@ -83,6 +84,11 @@ def test_a_torn_record_is_gone_for_good_once_the_journal_is_open(disk: Disk, tmp
     journal = Journal(path)
     journal.close()
     assert disk.read(path) == whole == path.read_bytes()
+    assert journal.torn
+    journal = Journal(path)
+    journal.close()
+    assert not journal.torn
+    assert path.read_bytes() == whole
 
 
 def test_labels_weights_and_tables_are_durable(disk: Disk, domain: TowerDomain, tmp_path: Path) -> None:

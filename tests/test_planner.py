@@ -1,11 +1,14 @@
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from omegaconf import OmegaConf
 from pydantic import ValidationError
 
+from apf.config import config_dir
 from apf.interrupts import time_limit
 from apf.planning import AnalyticPredictor, MonteCarloPlanner
 from apf.predictor import Predictor
@@ -343,6 +346,12 @@ def test_with_towers_the_plan_is_the_best_that_stands(blocks, task, chunk):
         reward = np.where(stands(towers), task.value(towers), 0.0)
         assert choice.index == int(reward.argmax())
         assert choice.value == choice.expected == reward.max() > 0
+
+
+def test_without_a_config_waves_are_those_of_the_default_config():
+    default = OmegaConf.load(Path(config_dir()) / "planner" / "monte_carlo.yaml")
+    planner = MonteCarloPlanner(candidates=default.candidates)
+    assert (planner.candidates, planner.first, planner.chunk) == (default.candidates, default.first, default.chunk)
 
 
 @pytest.mark.parametrize("wrong", [{"candidates": 0}, {"candidates": 10, "chunk": 0}, {"n": 10}])

@@ -376,6 +376,8 @@ class TestEvaluations:
         evaluate(store, 0, save=None)
         assert store.evaluated(0)
         assert not store.weights(0).exists()
+        store.weights(0).write_bytes(b"of another run")
+        assert store.evaluated(0)
 
     def test_weights_that_cannot_be_written_leave_the_evaluation_undone(self, store: Store) -> None:
         def fails(path: Path) -> None:

@@ -1,7 +1,7 @@
 """Training an ensemble: examples, batches, what is kept, determinism, learning at all."""
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import partial
 from itertools import islice
 from pathlib import Path
@@ -9,9 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from omegaconf import OmegaConf
 from pydantic import ValidationError
 from torch import nn
 
+from apf.config import config_dir
 from apf.data import Kind, Labelled, examples
 from apf.models import (
     Ensemble,
@@ -228,6 +230,12 @@ def test_a_loss_that_is_not_finite_is_named(early_stopping: bool, what: str, mon
     model = ensemble(updates=2 * CHECK, early_stopping=early_stopping)
     with pytest.raises(FloatingPointError, match=f"^a loss is {what} after {CHECK} updates$"):
         model.fit([labelled(2, 20, 1)], [labelled(2, 8, 2)], np.random.default_rng(0))
+
+
+def test_without_a_config_settings_are_those_of_the_default_config() -> None:
+    default = OmegaConf.to_container(OmegaConf.load(Path(config_dir()) / "config.yaml").training)
+    assert asdict(Training()) == default
+    assert Training(**default) == Training()
 
 
 def test_settings_out_of_range_are_refused() -> None:
