@@ -3,6 +3,9 @@
 import errno
 import json
 import os
+import re
+import time
+from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
@@ -100,6 +103,22 @@ def test_seconds_add_up_over_all_starts(path: Path) -> None:
     journal.append("label", tower=3)
     journal.close()
     assert 100 <= Journal(path).seconds < 101
+
+
+def test_records_say_when_and_after_how_many_seconds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    now = [50.0]
+    monkeypatch.setattr(time, "monotonic", lambda: now[0])
+    for start, seconds in ((50.0, [0.0, 1.235]), (7.0, [1.235, 2.47])):
+        now[0] = start
+        journal = Journal(tmp_path / "journal.jsonl")
+        journal.append("label", tower=0)
+        now[0] += 1.2345678
+        journal.append("label", tower=1)
+        journal.close()
+        assert [record["seconds"] for record in journal.records[-2:]] == pytest.approx(seconds, abs=1e-12)
+    for record in journal.records:
+        assert re.fullmatch(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{3}\+00:00", record["at"])
+        assert abs((datetime.now(UTC) - datetime.fromisoformat(record["at"])).total_seconds()) < 60
 
 
 def test_a_file_that_cannot_be_opened(tmp_path: Path) -> None:

@@ -376,8 +376,11 @@ class TestEvaluations:
         evaluate(store, 0, save=None)
         assert store.evaluated(0)
         assert not store.weights(0).exists()
-        store.weights(0).write_bytes(b"of another run")
-        assert store.evaluated(0)
+        for step in (0, 1):
+            store.weights(step).write_bytes(b"of another run")
+            evaluate(store, step, save=None)
+            store.weights(step).write_bytes(b"of a third")
+            assert store.evaluated(step)
 
     def test_weights_that_cannot_be_written_leave_the_evaluation_undone(self, store: Store) -> None:
         def fails(path: Path) -> None:

@@ -175,15 +175,26 @@ def test_the_validation_loss_is_that_of_the_weights_that_are_kept() -> None:
     np.testing.assert_allclose(said.numpy(), history.validation_loss.min(0), rtol=1e-5)
 
 
-def test_losses_of_a_check_are_means_over_the_updates_since_the_check_before() -> None:
-    """With a learning rate of almost nothing each loss is that of the first weights, over the labels of the batches."""
-    group = labelled(2, 10, 1)  # seen from eight sides each: 80 labels, one batch
-    model = ensemble(updates=CHECK + 3, learning_rate=1e-12, weight_decay=0, batch=80)
-    history = trained(model, [group], [])
+def test_losses_of_a_check_are_means_over_the_updates_since_the_check_before(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Weights are made to stay as they are until the first check, then to double, and to stay so."""
+    updates: list[float] = []
+
+    def double_once(optimiser: AdamW, gradients: list[torch.Tensor], learning_rate: float) -> None:
+        updates.append(learning_rate)
+        for weights in optimiser.weights if len(updates) == CHECK else ():
+            weights *= 2
+
+    monkeypatch.setattr(AdamW, "step", double_once)
+    group = labelled(2, 10, 1)
     (whole,) = examples([group], Kind.SUBSEQUENCE, DOMAIN)
-    expected = validation_loss(model.network, [(torch.from_numpy(whole.x), torch.from_numpy(whole.y))])
-    np.testing.assert_allclose(history.train_loss, np.stack([expected.numpy()] * 2), rtol=1e-4)
-    assert len({round(float(loss), 4) for loss in expected}) == 3
+    model = ensemble(updates=CHECK + 3, averaging=0, batch=len(whole))  # every batch holds all examples
+    seen = [(torch.from_numpy(whole.x), torch.from_numpy(whole.y))]
+    model.network.reset([torch.Generator().manual_seed(member) for member in range(3)])
+    first = validation_loss(model.network, seen)
+    history = trained(model, [group], [])
+    expected = torch.stack([first, validation_loss(model.network, seen)])
+    np.testing.assert_allclose(history.train_loss, expected.numpy(), rtol=1e-4)
+    assert len(set(history.train_loss.ravel().round(4).tolist())) == 6
 
 
 def test_an_update_follows_the_gradient_of_each_members_mean_cross_entropy(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -221,14 +232,15 @@ def test_weight_decay_counts_for_less_the_more_plans_there_are(
     assert made == [weight_decay / plans]
 
 
-@pytest.mark.parametrize(("early_stopping", "what"), [(True, "inf"), (False, "nan")])
-def test_a_loss_that_is_not_finite_is_named(early_stopping: bool, what: str, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("early_stopping", [True, False])
+def test_the_first_loss_that_is_not_finite_is_named(early_stopping: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     def broken(logits: torch.Tensor, y: torch.Tensor) -> torch.Tensor:
-        return torch.full_like(logits, float(what))
+        of_members = torch.tensor([0.5, torch.inf, torch.nan])
+        return torch.zeros_like(logits) + of_members.view(-1, *[1] * (logits.dim() - 1))
 
     monkeypatch.setattr(training_module, "_loss", broken)
     model = ensemble(updates=2 * CHECK, early_stopping=early_stopping)
-    with pytest.raises(FloatingPointError, match=f"^a loss is {what} after {CHECK} updates$"):
+    with pytest.raises(FloatingPointError, match=f"^a loss is inf after {CHECK} updates$"):
         model.fit([labelled(2, 20, 1)], [labelled(2, 8, 2)], np.random.default_rng(0))
 
 
