@@ -306,6 +306,17 @@ class TestPruning:
             planner.plan(task, pool)
         assert len(predictor.asked) == len(set(predictor.asked)) > 50
 
+    @pytest.mark.parametrize(("kind", "asked"), [(ByPrefix, 252), (Members, 692), (MembersOfWhole, 684), (Whole, 144)])
+    def test_how_much_is_asked_of_a_problem(self, kind, asked):
+        """A golden number: fewer are better; more, and the search has lost something of its economy."""
+        rng = np.random.default_rng(0)
+        plans = make(rng.beta(1, 0.3, (3000, 3)), rng.uniform(1, 2, 3000))
+        predictor = kind()
+        planner = MonteCarloPlanner(candidates=3000, first=16, chunk=500)
+        planner.plan(Worth(), planner.pool(plans, predictor, np.random.default_rng(0)))
+        of_members = isinstance(predictor, Members)
+        assert (sum(predictor.asked.values()) if of_members else len(predictor.asked)) == asked
+
     def test_most_candidates_are_not_looked_at(self, blocks):
         towers = random_towers(blocks, 5, 20_000, np.random.default_rng(0), Offset(sd=0.25))
 

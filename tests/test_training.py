@@ -281,6 +281,19 @@ def test_patience_ends_early_stopping_when_no_member_has_improved_for_so_long() 
     assert short.kept.max() == checks - 1 - 2
 
 
+@pytest.mark.parametrize(("patience", "checks"), [(1, 5), (CHECK, 5), (CHECK + 1, 6), (2 * CHECK, 6), (None, 9)])
+def test_patience_counts_from_the_last_lowest_loss_of_any_member(
+    patience: int | None, checks: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Member 0 is best at the first check, member 1 gets better until the fourth; an equal loss is no better one."""
+    fake = iter(torch.tensor([[1.0, 9.0], [2, 8], [2, 7], [1, 6], [1, 6], [2, 7], [2, 7], [2, 7], [2, 7]]))
+    monkeypatch.setattr(training_module, "validation_loss", lambda network, groups: next(fake))
+    model = ensemble(members=2, updates=9 * CHECK, early_stopping=True, patience=patience)
+    history = model.fit([labelled(2, 20, 1)], [labelled(2, 8, 2)], np.random.default_rng(0))
+    assert len(history.validation_loss) == checks
+    assert history.kept.tolist() == [0, 3]
+
+
 def test_without_early_stopping_there_is_no_patience() -> None:
     history = ensemble(updates=4 * CHECK, patience=CHECK).fit([labelled(2, 20, 1)], [], np.random.default_rng(0))
     assert len(history.train_loss) == 4
