@@ -11,6 +11,7 @@ import ast
 import importlib.abc
 import importlib.machinery
 import importlib.util
+import math
 import os
 import random
 import resource
@@ -110,7 +111,8 @@ def in_a_fork(do: Callable[[], int], limit: float) -> int | None:
         code = 70
         try:
             os.setsid()
-            for kind, most in ((resource.RLIMIT_AS, MEMORY), (resource.RLIMIT_FSIZE, DISK)):
+            cpu = math.ceil(limit)  # which ends it, too, if this process is no more
+            for kind, most in ((resource.RLIMIT_AS, MEMORY), (resource.RLIMIT_FSIZE, DISK), (resource.RLIMIT_CPU, cpu)):
                 resource.setrlimit(kind, (most, most))
             code = do()
         finally:

@@ -95,6 +95,27 @@ def test_a_record_that_cannot_be_written_leaves_the_file_as_it_was(path: Path, m
     assert [record["tower"] for record in read(path)] == [0, 1, 2, 4]
 
 
+def test_records_before_one_that_cannot_be_written_stay(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    journal = Journal(path)
+    write, lines = os.write, path.read_bytes()
+    for number in (3, 4):
+        journal.append("label", tower=number)
+        before = path.read_bytes()
+        assert before.startswith(lines) and before != lines
+
+        def torn(file: int, data: bytes) -> int:
+            write(file, data[:5])
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+        with monkeypatch.context() as full, pytest.raises(Stopped, match="No space left on device"):
+            full.setattr(os, "write", torn)
+            journal.append("label", tower=9)
+        assert path.read_bytes() == before
+        assert [record["tower"] for record in journal.records] == list(range(number + 1))
+    journal.close()
+    assert [record["tower"] for record in read(path)] == [0, 1, 2, 3, 4]
+
+
 def test_seconds_add_up_over_all_starts(path: Path) -> None:
     seconds = [record["seconds"] for record in read(path)]
     assert seconds == sorted(seconds)
