@@ -142,7 +142,7 @@ def _statements(node: ast.stmt) -> Iterator[ast.AST]:
         case ast.AugAssign(target, _, value):
             yield ast.Pass()
             yield ast.Assign([target], value)
-        case ast.Return(value) if value is not None:
+        case ast.Return(value) if value is not None and not (isinstance(value, ast.Constant) and value.value is None):
             yield ast.Return(None)
         case ast.For(target, _, body):
             yield ast.For(target, ast.List([], ast.Load()), body, [])

@@ -116,6 +116,38 @@ def test_records_before_one_that_cannot_be_written_stay(path: Path, monkeypatch:
     assert [record["tower"] for record in read(path)] == [0, 1, 2, 3, 4]
 
 
+def test_text_is_kept_as_it_is_written(path: Path) -> None:
+    journal = Journal(path)
+    journal.append("correction", reason="fällt: \u201c崩れた\u201d")
+    journal.close()
+    assert "fällt: “崩れた”".encode() in path.read_bytes()
+    assert read(path)[-1]["reason"] == "fällt: “崩れた”"
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf")])
+def test_what_is_no_json_is_no_record(path: Path, value: float) -> None:
+    before, journal = path.read_bytes(), Journal(path)
+    with pytest.raises(ValueError, match="not JSON compliant"):
+        journal.append("training", losses={"loss/train": value})
+    journal.close()
+    assert path.read_bytes() == before
+    assert len(journal.records) == 3
+
+
+@pytest.mark.parametrize("line", [b"", b'00000000"}', b'{"kind": "label"}'])
+def test_a_line_that_was_never_written_is_damage(path: Path, line: bytes) -> None:
+    lines = path.read_bytes().splitlines(keepends=True)
+    path.write_bytes(lines[0] + line + b"\n" + lines[1])
+    with pytest.raises(InputError, match="line 2 of 3"):
+        Journal(path)
+
+
+def test_others_may_read_it(path: Path) -> None:
+    mask = os.umask(0)
+    os.umask(mask)
+    assert path.stat().st_mode & 0o777 == 0o644 & ~mask
+
+
 def test_seconds_add_up_over_all_starts(path: Path) -> None:
     seconds = [record["seconds"] for record in read(path)]
     assert seconds == sorted(seconds)
