@@ -28,6 +28,7 @@ def open_store(tmp_path: Path, domain: TowerDomain) -> Iterator[Callable[[], Sto
     def open_store() -> Store:
         for store in opened:
             store.close()
+        (tmp_path / "run").mkdir(exist_ok=True)
         opened[:] = [Store(tmp_path / "run", domain)]
         return opened[0]
 
