@@ -26,10 +26,10 @@ def open_store(tmp_path: Path, domain: TowerDomain) -> Iterator[Callable[[], Sto
     opened: list[Store] = []
 
     def open_store() -> Store:
-        for store in opened:
-            store.close()
+        while opened:
+            opened.pop().close()
         (tmp_path / "run").mkdir(exist_ok=True)
-        opened[:] = [Store(tmp_path / "run", domain)]
+        opened.append(Store(tmp_path / "run", domain))
         return opened[0]
 
     yield open_store
