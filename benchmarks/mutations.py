@@ -52,8 +52,8 @@ TESTS = {
     "apf/towers/stability.py": ("test_stability",),
     "apf/models/training.py": ("test_training",),
     "apf/store.py": ("test_store",),
-    "apf/journal.py": ("test_journal", "test_records", "test_store"),
-    "apf/files.py": ("test_records", "test_tower_files", "test_store"),
+    "apf/journal.py": ("test_journal", "test_records", "test_durability", "test_store"),
+    "apf/files.py": ("test_durability", "test_records", "test_tower_files", "test_store"),
 }
 """The quick tests that concern each source file, those that most likely notice first."""
 

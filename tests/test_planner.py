@@ -112,6 +112,10 @@ class Members(ByPrefix):
         return plans.chance[:, -1]
 
 
+class TwoMembers(Members):
+    members = 2
+
+
 class MembersOfWhole(Members):
     by_prefix = False
 
@@ -188,7 +192,7 @@ def fine_cases(draw):
     return make(chance, value)
 
 
-@pytest.mark.parametrize("predictor", [ByPrefix, Whole, Members, MembersOfWhole])
+@pytest.mark.parametrize("predictor", [ByPrefix, Whole, Members, TwoMembers, MembersOfWhole])
 @pytest.mark.parametrize("chunk", [1, 3, 1024])
 def test_every_search_ends(predictor, chunk):
     rng = np.random.default_rng(0)
@@ -254,8 +258,10 @@ class TestEdges:
         assert (choice.index, choice.value, choice.expected) == (3, 7.0, 7.0)
 
     def test_nothing_is_worth_anything(self, predictor):
-        choice = plan(make(np.ones((4, 2)), np.zeros(4)), predictor())
+        asked = predictor()
+        choice = plan(make(np.ones((4, 2)), np.zeros(4)), asked)
         assert (choice.index, choice.value, choice.expected) == (0, 0.0, 0.0)
+        assert not asked.asked, "worthless plans need no look"
 
     def test_a_single_candidate(self, predictor):
         choice = plan(make([[0.5, 0.25]], [8]), predictor())
@@ -290,7 +296,7 @@ class TestPruning:
         assert predictor.asked == {0: 10, 1: 2}
 
     @MANY
-    @given(plans=coarse_cases(), kind=st.sampled_from([Members, MembersOfWhole]), chunk=chunks)
+    @given(plans=coarse_cases(), kind=st.sampled_from([Members, TwoMembers, MembersOfWhole]), chunk=chunks)
     def test_asking_some_members_first_changes_nothing(self, plans, kind, chunk):
         choice = plan(plans, kind(), chunk)
         row, expected = exhaustive(plans)
