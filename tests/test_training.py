@@ -281,6 +281,17 @@ def test_patience_ends_early_stopping_when_no_member_has_improved_for_so_long() 
     assert short.kept.max() == checks - 1 - 2
 
 
+def test_without_validation_plans_the_last_weights_are_kept_though_losses_rise(monkeypatch: pytest.MonkeyPatch) -> None:
+    def grow(optimiser: AdamW, gradients: list[torch.Tensor], learning_rate: float) -> None:
+        for weights in optimiser.weights:
+            weights *= 1.01
+
+    monkeypatch.setattr(AdamW, "step", grow)
+    history = trained(ensemble(updates=3 * CHECK), [labelled(2, 20, 1)], [])
+    assert (history.train_loss[-1] > history.train_loss[0]).any()
+    assert history.kept.tolist() == [2, 2, 2]
+
+
 @pytest.mark.parametrize(("patience", "checks"), [(1, 5), (CHECK, 5), (CHECK + 1, 6), (2 * CHECK, 6), (None, 9)])
 def test_patience_counts_from_the_last_lowest_loss_of_any_member(
     patience: int | None, checks: int, monkeypatch: pytest.MonkeyPatch
