@@ -75,6 +75,18 @@ def test_bald_lies_between_zero_and_ln_2(p):
     assert ((score >= 0) & (score <= LN2)).all()
 
 
+def test_rounding_never_makes_it_negative():
+    p = np.random.default_rng(0).random(1000)
+    assert min(bald(np.tile(p, (members, 1))).min() for members in range(2, 11)) == 0
+
+
+def test_numbers_of_single_precision_are_added_up_in_double():
+    p = np.array([[0.2], [0.8]], np.float32)
+    low, high = p[:, 0].tolist()
+    assert entropy(p).dtype == bald(p).dtype == np.float64
+    assert entropy(p)[:, 0] == pytest.approx([h(low), h(high)], abs=1e-15)
+
+
 @given(p=several, data=st.data())
 def test_the_order_of_members_does_not_matter(p, data):
     order = data.draw(st.permutations(range(len(p))))

@@ -1,16 +1,20 @@
 """What an evaluation says of predictors whose quality is known."""
 
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
-from apf.planning import Evaluator
-from apf.planning.evaluation import EvaluationSettings
-from apf.planning.planner import MonteCarloPlanner
+from apf.errors import Stopped
+from apf.planning import ACCURACY_COLUMNS, REGRET_COLUMNS, EvaluationSettings, Evaluator, MonteCarloPlanner
 from apf.predictor import Predictor
+from apf.rng import stream
+from apf.tasks import Overhang, Tallest, Task
 from apf.towers import TowerDomain, Towers, stands
-from apf.worlds import AnalyticWorld
+from apf.worlds import AnalyticWorld, World
 
 
 class Oracle(Predictor):
@@ -49,3 +53,261 @@ def test_accuracy_asks_for_the_right_side_of_one_half_and_auc_for_the_right_orde
     assert table["accuracy"].tolist() == [accuracy] * 2
     assert table["auc"].tolist() == [auc] * 2
     assert set(table["n"]) == {40}
+
+
+class Says(Predictor):
+    """Gives each tower the chance that a function of it says."""
+
+    def __init__(self, chance: Callable[[Towers], np.ndarray]) -> None:
+        self.chance = chance
+
+    def feasibility(self, plans: Towers, rng: np.random.Generator | None = None) -> np.ndarray:
+        return self.chance(plans)
+
+
+class Draws(Predictor):
+    """Says anything, and keeps the first number that it drew each time."""
+
+    random = True
+
+    def __init__(self) -> None:
+        self.drew: list[float] = []
+
+    def feasibility(self, plans: Towers, rng: np.random.Generator | None = None) -> np.ndarray:
+        assert rng is not None
+        self.drew.append(rng.random())
+        return rng.random(len(plans))
+
+
+class Falls(World):
+    """Every tower falls at its last placement; keeps what was tried, and a number drawn each time."""
+
+    def __init__(self) -> None:
+        self.tried: list[Towers] = []
+        self.drew: list[float] = []
+
+    def execute(self, plans: Towers, rng: np.random.Generator) -> np.ndarray:
+        self.tried.append(plans)
+        self.drew.append(rng.random())
+        return np.array([[1] * (plans.length - 1) + [0]])
+
+
+class Slow(World):
+    def execute(self, plans: Towers, rng: np.random.Generator) -> np.ndarray:
+        time.sleep(30)
+        return np.ones((1, plans.length), np.int8)
+
+
+class Worthless(Task):
+    unit = "m"
+
+    def value(self, plans: Towers) -> np.ndarray:
+        return np.zeros(len(plans))
+
+
+class Counting:
+    """A domain that keeps how often it was asked what stands."""
+
+    def __init__(self, domain: TowerDomain) -> None:
+        self.domain, self.judged = domain, 0
+
+    def feasible(self, plans: Towers) -> np.ndarray:
+        self.judged += 1
+        return self.domain.feasible(plans)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.domain, name)
+
+
+TASKS: dict[str, Task] = {"tallest": Tallest(), "overhang": Overhang()}
+CANDIDATES = 300
+
+
+def settings_with(**others: Any) -> EvaluationSettings:
+    given = {"every": 10, "problems": 2, "blocks": 3, "lengths": [2], "test_towers": 4, "seed": 5}
+    return EvaluationSettings(**{**given, "worlds": {"analytic": AnalyticWorld()}, **others})
+
+
+def evaluator_with(
+    domain: Any,
+    tasks: Mapping[str, Task] = TASKS,
+    candidates: int = CANDIDATES,
+    limit: float | None = None,
+    **others: Any,
+) -> tuple[Evaluator, list[str]]:
+    """An evaluator of small problems, and the list that it writes its progress to."""
+    said: list[str] = []
+    planner = MonteCarloPlanner(candidates=candidates)
+    return Evaluator(settings_with(**others), domain, planner, tasks, said.append, limit), said
+
+
+def problem(domain: TowerDomain, number: int, candidates: int = CANDIDATES) -> Towers:
+    return domain.problem(3, candidates, stream(5, "problem", number))
+
+
+def test_columns_are_those_that_the_tables_on_disk_have() -> None:
+    assert " ".join(REGRET_COLUMNS) == "step towers task problem world value best_value regret feasible"
+    assert " ".join(ACCURACY_COLUMNS) == "step towers length accuracy auc n"
+
+
+class TestRegret:
+    def test_who_knows_what_stands_regrets_nothing_where_it_stands(self, domain: TowerDomain) -> None:
+        worlds = {"analytic": AnalyticWorld(), "falls": Falls()}
+        evaluator, said = evaluator_with(domain, worlds=worlds)
+        table = evaluator.regret(Says(lambda plans: stands(plans).astype(float)), step=3, towers=70)
+        assert table.columns.tolist() == REGRET_COLUMNS
+        assert said == ["planning, problem 1 of 2", "planning, problem 2 of 2"]
+        expected = []
+        for number in range(2):
+            candidates = problem(domain, number)
+            for name, task in TASKS.items():
+                best = task.value(candidates)[stands(candidates)].max()
+                assert best > 0
+                for world in worlds:
+                    fell = world == "falls"
+                    expected.append([3, 70, name, number, world, best, best, float(fell), not fell])
+        assert table.astype(object).to_numpy().tolist() == expected
+
+    def test_who_believes_in_every_tower_gets_nothing_for_those_that_fall(self, domain: TowerDomain) -> None:
+        evaluator, _ = evaluator_with(domain, problems=5)
+        table = evaluator.regret(Says(lambda plans: np.ones(len(plans))), step=0, towers=0)
+        tallest = table[table["task"] == "tallest"]
+        for number, row in zip(range(5), tallest.itertuples(), strict=True):
+            candidates = problem(domain, number)
+            values = TASKS["tallest"].value(candidates)
+            stood = bool(stands(candidates[values.argmax() : values.argmax() + 1])[0])
+            assert (row.feasible, row.value) == (stood, values.max())
+            best = values[stands(candidates)].max()
+            assert row.best_value == best
+            assert row.regret == (pytest.approx((best - values.max()) / best) if stood else 1.0)
+        assert not tallest["feasible"].all()
+
+    def test_a_tower_that_stands_but_is_not_the_best_costs_the_difference(self, domain: TowerDomain) -> None:
+        candidates = problem(domain, 0)
+        values = TASKS["overhang"].value(candidates)
+        standing = np.flatnonzero(stands(candidates))
+        second = np.sort(values[standing])[-2]
+
+        def all_but_the_best(plans: Towers) -> np.ndarray:
+            return stands(plans) & (TASKS["overhang"].value(plans) <= second)
+
+        evaluator, _ = evaluator_with(domain, {"overhang": TASKS["overhang"]}, problems=1)
+        (row,) = evaluator.regret(Says(all_but_the_best), step=0, towers=0).itertuples()
+        best = values[standing].max()
+        assert row.value == second
+        assert row.best_value == best
+        assert row.regret == pytest.approx((best - second) / best)
+        assert 0 < row.regret < 1
+
+    def test_where_nothing_is_worth_anything_there_is_no_regret(self, domain: TowerDomain) -> None:
+        evaluator, _ = evaluator_with(domain, {"worthless": Worthless()})
+        table = evaluator.regret(Says(stands), step=0, towers=0)
+        assert table["regret"].isna().tolist() == [True, True]
+        assert table["best_value"].tolist() == [0.0, 0.0]
+
+    def test_where_nothing_stands_there_is_no_regret(self, domain: TowerDomain) -> None:
+        evaluator, _ = evaluator_with(domain, candidates=1, problems=10)
+        table = evaluator.regret(Says(lambda plans: np.ones(len(plans))), step=0, towers=0)
+        stood = [bool(stands(problem(domain, number, 1))[0]) for number in range(10)]
+        assert table["regret"].notna().tolist() == [value for value in stood for _ in TASKS]
+        assert table["best_value"].gt(0).tolist() == [value for value in stood for _ in TASKS]
+        assert set(table["best_value"][table["regret"].isna()]) == {0.0}
+
+    def test_every_draw_is_its_own_and_the_same_each_time(self, domain: TowerDomain) -> None:
+        drawn = []
+        for step in (3, 3, 4):
+            worlds = {"one": Falls(), "other": Falls()}
+            predictor = Draws()
+            evaluator, _ = evaluator_with(domain, worlds=worlds)
+            evaluator.regret(predictor, step=step, towers=70)
+            drawn.append([*predictor.drew, *worlds["one"].drew, *worlds["other"].drew])
+            assert all(len(tower) == 1 for world in worlds.values() for tower in world.tried)
+        purposes = [stream(5, "predictor", 3, number) for number in range(2)]
+        for world in ("one", "other"):
+            purposes += [stream(5, f"reward in {world}", 3, number, task) for number in range(2) for task in range(2)]
+        assert drawn[0] == [rng.random() for rng in purposes]
+        assert drawn[0] == drawn[1]
+        assert len({*drawn[0], *drawn[2]}) == 20
+
+    def test_what_stands_is_worked_out_once_for_each_problem(self, domain: TowerDomain) -> None:
+        counting = Counting(domain)
+        evaluator, _ = evaluator_with(counting)
+        tables = [evaluator.regret(Says(stands), step=step, towers=0) for step in (0, 1)]
+        assert counting.judged == 2
+        assert tables[0]["best_value"].tolist() == tables[1]["best_value"].tolist()
+
+    def test_a_tower_that_takes_too_long_ends_it(self, domain: TowerDomain) -> None:
+        evaluator, _ = evaluator_with(domain, limit=0.05, worlds={"slow": Slow()})
+        with pytest.raises(Stopped, match=r"the tower chosen for tallest in problem 0 took longer .*0\.05 s"):
+            evaluator.regret(Says(stands), step=0, towers=0)
+
+    def test_without_problems_there_are_no_rows(self, domain: TowerDomain) -> None:
+        evaluator, _ = evaluator_with(domain, problems=0)
+        table = evaluator.regret(Says(stands), step=0, towers=0)
+        assert (len(table), table.columns.tolist()) == (0, REGRET_COLUMNS)
+
+
+class TestAccuracy:
+    def test_a_chance_of_one_half_is_no_yes(self, evaluator: Evaluator) -> None:
+        table = evaluator.accuracy(Says(lambda plans: np.full(len(plans), 0.5)), step=3, towers=70)
+        assert table["accuracy"].tolist() == [0.5, 0.5]
+        table = evaluator.accuracy(Says(lambda plans: np.where(stands(plans), 0.5, 0.0)), step=3, towers=70)
+        assert table["accuracy"].tolist() == [0.5, 0.5]
+
+    def test_test_sets_are_balanced_of_evaluation_blocks_and_always_the_same(self, domain: TowerDomain) -> None:
+        evaluator, said = evaluator_with(domain, lengths=[2, 4], test_towers=20)
+        table = evaluator.accuracy(Says(stands), step=3, towers=70)
+        assert table.columns.tolist() == ACCURACY_COLUMNS
+        assert table.to_numpy().tolist() == [[3, 70, 2, 1.0, 1.0, 20], [3, 70, 4, 1.0, 1.0, 20]]
+        assert said == ["testing on towers of 2", "testing on towers of 4"]
+        for length in (2, 4):
+            plans, labels = evaluator.test_set(length)
+            assert plans.blocks == domain.evaluation_blocks or plans.blocks.equals(domain.evaluation_blocks)
+            assert (plans.length, labels.sum(), labels.dtype) == (length, 10, bool)
+            np.testing.assert_array_equal(labels, stands(plans))
+            expected, _ = domain.balanced(length, 20, stream(5, "test set", length))
+            np.testing.assert_array_equal(plans.xy, expected.xy)
+            again, _ = evaluator.test_set(length)
+            assert again is plans, "drawn once"
+            others = evaluator_with(domain, lengths=[2, 4], test_towers=20)[0].test_set(length)
+            np.testing.assert_array_equal(others[0].xy, plans.xy)
+            different = evaluator_with(domain, test_towers=20, seed=6)[0].test_set(length)
+            assert not np.array_equal(different[0].xy, plans.xy)
+
+    def test_every_draw_is_its_own(self, domain: TowerDomain) -> None:
+        predictor = Draws()
+        evaluator, _ = evaluator_with(domain, lengths=[2, 3])
+        for step in (0, 1, 1):
+            evaluator.accuracy(predictor, step=step, towers=0)
+        purposes = [stream(5, "accuracy", step, length) for step in (0, 1) for length in (2, 3)]
+        assert predictor.drew[:4] == [rng.random() for rng in purposes]
+        assert predictor.drew[2:4] == predictor.drew[4:]
+
+    def test_without_test_towers_there_are_no_rows(self, domain: TowerDomain) -> None:
+        evaluator, said = evaluator_with(domain, test_towers=0)
+        table = evaluator.accuracy(Says(stands), step=0, towers=0)
+        assert (len(table), table.columns.tolist(), said) == (0, ACCURACY_COLUMNS, [])
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"every": 0},
+        {"problems": -1},
+        {"blocks": 1},
+        {"lengths": [2, 1]},
+        {"test_towers": 3},
+        {"test_towers": -2},
+        {"seed": -1},
+        {"worlds": {}},
+    ],
+)
+def test_wrong_settings_are_refused(wrong: dict[str, Any]) -> None:
+    settings_with(every=1, problems=0, blocks=2, lengths=[2, 2], test_towers=0, seed=0)
+    with pytest.raises(ValidationError, match=next(iter(wrong))):
+        settings_with(**wrong)
+
+
+def test_odd_numbers_of_test_towers_say_why() -> None:
+    with pytest.raises(ValidationError, match="must be even: half of the towers are feasible"):
+        settings_with(test_towers=5)

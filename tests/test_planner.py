@@ -1,15 +1,22 @@
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from omegaconf import OmegaConf
 from pydantic import ValidationError
 
+from apf.config import config_dir
+from apf.interrupts import time_limit
 from apf.planning import AnalyticPredictor, MonteCarloPlanner
 from apf.predictor import Predictor
 from apf.tasks import Overhang, Tallest, Task, Unsupported
 from apf.towers import Offset, random_towers, stands
+
+ENOUGH = 20.0
+"""Seconds for a plan that takes milliseconds: a search that gets nowhere fails, and does not hang."""
 
 MANY = settings(max_examples=250)
 chunks = st.sampled_from([1, 2, 7, 1024])
@@ -105,6 +112,10 @@ class Members(ByPrefix):
         return plans.chance[:, -1]
 
 
+class TwoMembers(Members):
+    members = 2
+
+
 class MembersOfWhole(Members):
     by_prefix = False
 
@@ -154,7 +165,8 @@ def exhaustive(plans):
 
 def plan(plans, predictor, chunk=1024):
     planner = MonteCarloPlanner(candidates=len(plans), chunk=chunk)
-    return planner.plan(Worth(), planner.pool(plans, predictor, np.random.default_rng(0)))
+    with time_limit(ENOUGH):
+        return planner.plan(Worth(), planner.pool(plans, predictor, np.random.default_rng(0)))
 
 
 @st.composite
@@ -178,6 +190,17 @@ def fine_cases(draw):
     chance[near] = chance[copies][near]
     value[near] = value[copies][near] * (1 + 1e-6 * rng.normal(size=near.sum()))
     return make(chance, value)
+
+
+@pytest.mark.parametrize("predictor", [ByPrefix, Whole, Members, TwoMembers, MembersOfWhole])
+@pytest.mark.parametrize("chunk", [1, 3, 1024])
+def test_every_search_ends(predictor, chunk):
+    rng = np.random.default_rng(0)
+    for share in (0.0, 0.5, 1.0):
+        plans = make(np.where(rng.random((40, 3)) < share, 1.0, 0.5), rng.uniform(1, 2, 40))
+        row, expected = exhaustive(plans)
+        choice = plan(plans, predictor(), chunk)
+        assert (choice.index, choice.expected) == (row, pytest.approx(expected))
 
 
 @MANY
@@ -235,8 +258,10 @@ class TestEdges:
         assert (choice.index, choice.value, choice.expected) == (3, 7.0, 7.0)
 
     def test_nothing_is_worth_anything(self, predictor):
-        choice = plan(make(np.ones((4, 2)), np.zeros(4)), predictor())
+        asked = predictor()
+        choice = plan(make(np.ones((4, 2)), np.zeros(4)), asked)
         assert (choice.index, choice.value, choice.expected) == (0, 0.0, 0.0)
+        assert not asked.asked, "worthless plans need no look"
 
     def test_a_single_candidate(self, predictor):
         choice = plan(make([[0.5, 0.25]], [8]), predictor())
@@ -271,7 +296,7 @@ class TestPruning:
         assert predictor.asked == {0: 10, 1: 2}
 
     @MANY
-    @given(plans=coarse_cases(), kind=st.sampled_from([Members, MembersOfWhole]), chunk=chunks)
+    @given(plans=coarse_cases(), kind=st.sampled_from([Members, TwoMembers, MembersOfWhole]), chunk=chunks)
     def test_asking_some_members_first_changes_nothing(self, plans, kind, chunk):
         choice = plan(plans, kind(), chunk)
         row, expected = exhaustive(plans)
@@ -286,6 +311,17 @@ class TestPruning:
         for task in (Worth(), OtherWorth(), Worth()):
             planner.plan(task, pool)
         assert len(predictor.asked) == len(set(predictor.asked)) > 50
+
+    @pytest.mark.parametrize(("kind", "asked"), [(ByPrefix, 252), (Members, 692), (MembersOfWhole, 684), (Whole, 144)])
+    def test_how_much_is_asked_of_a_problem(self, kind, asked):
+        """A golden number: fewer are better; more, and the search has lost something of its economy."""
+        rng = np.random.default_rng(0)
+        plans = make(rng.beta(1, 0.3, (3000, 3)), rng.uniform(1, 2, 3000))
+        predictor = kind()
+        planner = MonteCarloPlanner(candidates=3000, first=16, chunk=500)
+        planner.plan(Worth(), planner.pool(plans, predictor, np.random.default_rng(0)))
+        of_members = isinstance(predictor, Members)
+        assert (sum(predictor.asked.values()) if of_members else len(predictor.asked)) == asked
 
     def test_most_candidates_are_not_looked_at(self, blocks):
         towers = random_towers(blocks, 5, 20_000, np.random.default_rng(0), Offset(sd=0.25))
@@ -327,6 +363,12 @@ def test_with_towers_the_plan_is_the_best_that_stands(blocks, task, chunk):
         reward = np.where(stands(towers), task.value(towers), 0.0)
         assert choice.index == int(reward.argmax())
         assert choice.value == choice.expected == reward.max() > 0
+
+
+def test_without_a_config_waves_are_those_of_the_default_config():
+    default = OmegaConf.load(Path(config_dir()) / "planner" / "monte_carlo.yaml")
+    planner = MonteCarloPlanner(candidates=default.candidates)
+    assert (planner.candidates, planner.first, planner.chunk) == (default.candidates, default.first, default.chunk)
 
 
 @pytest.mark.parametrize("wrong", [{"candidates": 0}, {"candidates": 10, "chunk": 0}, {"n": 10}])

@@ -9,7 +9,7 @@ from hydra.utils import instantiate
 from omegaconf import OmegaConf
 from pydantic import ValidationError
 
-from apf.acquisition import Bald, ExpectedBald, Lengths, Random, RandomPlans, Sampler
+from apf.acquisition import Bald, ExpectedBald, Lengths, Random, RandomPlans, Sampler, top
 from apf.config import config_dir
 from apf.data import Kind, Labelled
 from apf.towers import standing_prefixes
@@ -230,6 +230,11 @@ class TestGreedy:
         assert [identity(scored.plan) for scored in found] == [plan for plan, _ in final]
         assert [scored.score for scored in found] == pytest.approx([score for _, score in final])
 
+    def test_of_fewer_candidates_than_plans_each_plan_has_one_branch(self, propose):
+        found, recording, _ = propose("greedy", n=6, candidates=3)
+        assert [len(plans) for _, _, plans in recording.calls] == [6, 6, 6, 6]
+        assert len(found) == 6
+
     def test_what_was_seen_to_stand_does_not_matter(self, propose):
         with_data, without = propose("greedy")[0], propose("greedy", data=[])[0]
         assert [identity(s.plan) for s in with_data] == [identity(s.plan) for s in without]
@@ -256,6 +261,19 @@ class TestIncremental:
         # longer towers that fell at a later placement, and prefixes of three and four, are built on as well
         lengths = [base.length for _, base, _ in recording.calls[1:]]
         assert lengths == [1, 2, 3, 4]
+
+    def test_new_towers_begin_with_random_placements(self, propose):
+        _, recording, _ = propose("incremental")
+        (how, length, drawn), (_, base, _) = recording.calls[:2]
+        assert (how, length, len(drawn), base.length) == ("random", 1, CANDIDATES, 1)
+        assert set(rows(base)) <= set(rows(drawn))
+
+    def test_lengths_without_a_share_are_left_out(self, propose):
+        _, recording, _ = propose("incremental", n=2, candidates=2)
+        assert [(base.length, len(plans)) for how, base, plans in recording.calls if how == "extend"] == [
+            (1, 1),
+            (2, 1),
+        ]
 
     def test_each_length_has_its_share_of_candidates(self, propose):
         _, recording, _ = propose("incremental", candidates=40)
@@ -362,6 +380,14 @@ def test_golden_proposals(propose, name):
     found, _, _ = propose(name)
     shown = [(s.plan.block[0].tolist(), s.plan.rotation[0].tolist(), round(s.score, 6)) for s in found]
     assert shown == GOLDEN[name]
+
+
+def test_of_equal_scores_the_earlier_plan_is_better(domain):
+    pools = [domain.random_plans(length, 40, rng_of(length)) for length in (2, 3)]
+    found = top(50, pools, lambda plans: np.where(np.arange(40) == 30, 1.0, 0.5))
+    expected = [*rows(pools[0]), *rows(pools[1])]
+    expected = [expected.pop(30), expected.pop(69), *expected][:50]
+    assert [identity(scored.plan) for scored in found] == expected
 
 
 class TestSettings:

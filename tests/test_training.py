@@ -2,7 +2,7 @@
 
 import copy
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import partial
 from itertools import islice
 from pathlib import Path
@@ -10,8 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from omegaconf import OmegaConf
+from pydantic import ValidationError
 from torch import nn
 
+from apf.config import config_dir
 from apf.data import Kind, Labelled, examples
 from apf.models import (
     Ensemble,
@@ -25,7 +28,7 @@ from apf.models import (
 from apf.models import training as training_module
 from apf.models.ensemble import SIZES
 from apf.models.optimiser import AdamW
-from apf.models.training import CHECK, Updates, _batches, batches_of, fit, validation_loss
+from apf.models.training import CHECK, History, Updates, _batches, batches_of, fit, validation_loss
 from apf.towers import TowerDomain, Towers, random_towers, standing_prefixes
 from apf.towers.features import features, mirrored, weighed
 from apf.worlds import AnalyticWorld
@@ -157,6 +160,124 @@ def test_stopped_early_each_member_keeps_the_weights_of_its_own_best_check(monke
             assert torch.equal(weight[member], seen[check][number][member])
 
 
+def trained(model: Ensemble, *parts: list[Labelled]) -> History:
+    """Fit the ensemble to training and validation plans as they are."""
+    generators = [torch.Generator().manual_seed(member) for member in range(model.members)]
+    model.network.reset(generators)
+    groups = [examples(part, Kind.SUBSEQUENCE, DOMAIN) for part in parts]
+    return fit(model.network, *groups, model.training, generators, torch.Generator(), plans=20)
+
+
+def test_a_look_at_the_validation_loss_changes_nothing_of_the_training() -> None:
+    train, validation = [labelled(2, 20, 1), labelled(4, 20, 2)], [labelled(3, 8, 3)]
+    looked, blind = (trained(ensemble(updates=4 * CHECK), train, part) for part in (validation, []))
+    assert looked.train_loss.shape == (4, 3)
+    np.testing.assert_array_equal(looked.train_loss, blind.train_loss)
+    assert np.isfinite(looked.validation_loss).all()
+    assert np.isnan(blind.validation_loss).all()
+
+
+def test_the_validation_loss_is_that_of_the_weights_that_are_kept() -> None:
+    model, validation = ensemble(updates=2 * CHECK, averaging=0.9), [labelled(3, 30, 3), labelled(2, 30, 4)]
+    history = trained(model, [labelled(3, 30, 1), labelled(2, 30, 2)], validation)
+    assert history.kept.tolist() == history.validation_loss.argmin(0).tolist()
+    groups = [(torch.from_numpy(e.x), torch.from_numpy(e.y)) for e in examples(validation, Kind.SUBSEQUENCE, DOMAIN)]
+    assert len({len(x) for x, _ in groups}) == len(groups) == 2
+    said = validation_loss(model.network, groups)
+    np.testing.assert_allclose(said.numpy(), history.validation_loss.min(0), rtol=1e-5)
+
+
+def test_losses_of_a_check_are_means_over_the_updates_since_the_check_before(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Weights are made to stay as they are until the first check, then to double, and to stay so."""
+    updates: list[float] = []
+
+    def double_once(optimiser: AdamW, gradients: list[torch.Tensor], learning_rate: float) -> None:
+        updates.append(learning_rate)
+        for weights in optimiser.weights if len(updates) == CHECK else ():
+            weights *= 2
+
+    monkeypatch.setattr(AdamW, "step", double_once)
+    group = labelled(2, 10, 1)
+    (whole,) = examples([group], Kind.SUBSEQUENCE, DOMAIN)
+    model = ensemble(updates=CHECK + 3, averaging=0, batch=len(whole))  # every batch holds all examples
+    seen = [(torch.from_numpy(whole.x), torch.from_numpy(whole.y))]
+    model.network.reset([torch.Generator().manual_seed(member) for member in range(3)])
+    first = validation_loss(model.network, seen)
+    history = trained(model, [group], [])
+    expected = torch.stack([first, validation_loss(model.network, seen)])
+    np.testing.assert_allclose(history.train_loss, expected.numpy(), rtol=1e-4)
+    assert len(set(history.train_loss.ravel().round(4).tolist())) == 6
+
+
+def test_an_update_follows_the_gradient_of_each_members_mean_cross_entropy(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[list[torch.Tensor]] = []
+    monkeypatch.setattr(AdamW, "step", lambda self, gradients, rate: seen.append([g.clone() for g in gradients]))
+    group = labelled(3, 10, 1)
+    model = ensemble(updates=1, batch=1000)
+    for part in examples([group], Kind.SUBSEQUENCE, DOMAIN):
+        seen.clear()
+        generators = [torch.Generator().manual_seed(member) for member in range(3)]
+        model.network.reset(generators)
+        fit(model.network, [part], [], model.training, generators, torch.Generator(), plans=20)
+        x, y = torch.from_numpy(part.x), torch.from_numpy(part.y)
+        logits = model.network(x.expand(3, *x.shape), y.shape[1] < x.shape[1] - 1)
+        loss = nn.functional.binary_cross_entropy_with_logits(logits, y.expand_as(logits), reduction="none")
+        expected = torch.autograd.grad(loss.mean((1, 2)).sum(), list(model.network.parameters()))
+        for ours, theirs in zip(seen[0], expected, strict=True):
+            torch.testing.assert_close(ours, theirs, rtol=1e-3, atol=1e-6)
+
+
+@pytest.mark.parametrize(("weight_decay", "plans"), [(40.0, 20), (10.0, 40), (0.0, 5)])
+def test_weight_decay_counts_for_less_the_more_plans_there_are(
+    weight_decay: float, plans: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made: list[float] = []
+    make = AdamW.__init__
+
+    def noted(self: AdamW, weights: list[torch.Tensor], decay: float) -> None:
+        made.append(decay)
+        make(self, weights, decay)
+
+    monkeypatch.setattr(AdamW, "__init__", noted)
+    model = ensemble(updates=1, weight_decay=weight_decay)
+    model.fit([labelled(2, plans // 5, 1)], [labelled(3, plans - plans // 5, 2)], np.random.default_rng(0))
+    assert made == [weight_decay / plans]
+
+
+@pytest.mark.parametrize("early_stopping", [True, False])
+def test_the_first_loss_that_is_not_finite_is_named(early_stopping: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(logits: torch.Tensor, y: torch.Tensor) -> torch.Tensor:
+        of_members = torch.tensor([0.5, torch.inf, torch.nan])
+        return torch.zeros_like(logits) + of_members.view(-1, *[1] * (logits.dim() - 1))
+
+    monkeypatch.setattr(training_module, "_loss", broken)
+    model = ensemble(updates=2 * CHECK, early_stopping=early_stopping)
+    with pytest.raises(FloatingPointError, match=f"^a loss is inf after {CHECK} updates$"):
+        model.fit([labelled(2, 20, 1)], [labelled(2, 8, 2)], np.random.default_rng(0))
+
+
+def test_without_a_config_settings_are_those_of_the_default_config() -> None:
+    default = OmegaConf.to_container(OmegaConf.load(Path(config_dir()) / "config.yaml").training)
+    assert asdict(Training()) == default
+    assert Training(**default) == Training()
+
+
+def test_settings_out_of_range_are_refused() -> None:
+    Training(learning_rate=1e-9, warmup=0, weight_decay=0, batch=1, updates=1, averaging=0, patience=1)
+    for name, values in {
+        "learning_rate": (0, -1),
+        "warmup": (-1,),
+        "weight_decay": (-0.1,),
+        "batch": (0,),
+        "updates": (0,),
+        "averaging": (-0.1, 1, 1.5),
+        "patience": (0,),
+    }.items():
+        for value in values:
+            with pytest.raises(ValidationError, match=name):
+                Training(**{name: value})
+
+
 def test_patience_ends_early_stopping_when_no_member_has_improved_for_so_long() -> None:
     parts = [labelled(2, 20, 1)], [labelled(2, 8, 2)]
     full, short = (
@@ -170,6 +291,30 @@ def test_patience_ends_early_stopping_when_no_member_has_improved_for_so_long() 
     np.testing.assert_array_equal(short.validation_loss, full.validation_loss[:checks])
     np.testing.assert_array_equal(short.kept, short.validation_loss.argmin(0))
     assert short.kept.max() == checks - 1 - 2
+
+
+def test_without_validation_plans_the_last_weights_are_kept_though_losses_rise(monkeypatch: pytest.MonkeyPatch) -> None:
+    def grow(optimiser: AdamW, gradients: list[torch.Tensor], learning_rate: float) -> None:
+        for weights in optimiser.weights:
+            weights *= 1.01
+
+    monkeypatch.setattr(AdamW, "step", grow)
+    history = trained(ensemble(updates=3 * CHECK), [labelled(2, 20, 1)], [])
+    assert (history.train_loss[-1] > history.train_loss[0]).any()
+    assert history.kept.tolist() == [2, 2, 2]
+
+
+@pytest.mark.parametrize(("patience", "checks"), [(1, 5), (CHECK, 5), (CHECK + 1, 6), (2 * CHECK, 6), (None, 9)])
+def test_patience_counts_from_the_last_lowest_loss_of_any_member(
+    patience: int | None, checks: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Member 0 is best at the first check, member 1 gets better until the fourth; an equal loss is no better one."""
+    fake = iter(torch.tensor([[1.0, 9.0], [2, 8], [2, 7], [1, 6], [1, 6], [2, 7], [2, 7], [2, 7], [2, 7]]))
+    monkeypatch.setattr(training_module, "validation_loss", lambda network, groups: next(fake))
+    model = ensemble(members=2, updates=9 * CHECK, early_stopping=True, patience=patience)
+    history = model.fit([labelled(2, 20, 1)], [labelled(2, 8, 2)], np.random.default_rng(0))
+    assert len(history.validation_loss) == checks
+    assert history.kept.tolist() == [0, 3]
 
 
 def test_without_early_stopping_there_is_no_patience() -> None:
