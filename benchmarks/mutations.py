@@ -208,7 +208,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
             few = n if options.sample is None else min(n, options.sample)
             return sorted(random.Random(options.seed).sample(range(n), few))
 
-        part = try_mutants(ROOT / path, tests, chosen, equivalents(path), show)
+        known = equivalents(path)
+        there = {(mutant.before, mutant.after) for mutant in mutants(ast.parse((ROOT / path).read_text()))}
+        for before, after in known.keys() - there:
+            console.print(f"{EQUIVALENT.name}, {path}: no such mutant any more: {before} -> {after}", markup=False)
+        part = try_mutants(ROOT / path, tests, chosen, known, show)
         parts.append(part)
         counts = part.tried, part.equivalent, part.noticed, part.survived
         table.add_row(part.path, *map(str, counts), f"{part.share:.1%}")

@@ -11,7 +11,7 @@ import yaml
 
 import apf.errors
 from benchmarks.mutants import mutants
-from benchmarks.mutations import EQUIVALENT, ROOT, TESTS, Mutated, equivalents, in_a_fork, main
+from benchmarks.mutations import EQUIVALENT, ROOT, TESTS, Mutated, in_a_fork, main
 
 
 def changes(source: str) -> list[tuple[str, str]]:
@@ -98,12 +98,8 @@ def test_what_crashes_is_no_success() -> None:
     assert in_a_fork(lambda: 1 // 0, 60) not in (0, None)
 
 
-def test_equivalent_mutants_are_mutants_of_their_files() -> None:
-    for path in yaml.safe_load(EQUIVALENT.read_text()):
-        assert path in TESTS
-        there = set(changes((ROOT / path).read_text()))
-        gone = set(equivalents(path)) - there
-        assert not gone, f"{path} has no such mutants any more; take them out of {EQUIVALENT.name}"
+def test_equivalent_mutants_are_of_files_that_are_tried() -> None:
+    assert set(yaml.safe_load(EQUIVALENT.read_text())) <= set(TESTS)
 
 
 @pytest.mark.slow
