@@ -38,7 +38,7 @@ class Claim:
 
     def abandon(self) -> None:
         """Take back what was made here for a run that never came to its first record, and nothing else."""
-        if not is_new(self.directory):
+        if JOURNAL not in self.before and not is_new(self.directory):
             return
         for name in (*FIRST[::-1], LOG, LOCK):
             if name not in self.before:

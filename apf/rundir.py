@@ -28,11 +28,9 @@ NOT_KEPT = ("hydra.mode", "hydra.run.", "hydra.sweep", "hydra/sweeper", "hydra.l
 def check(directory: Path, config: dict[str, Any], domain: TowerDomain) -> bool:
     """Could this run be the one that the directory holds, if it holds one? Returns whether that has gone as far.
 
-    Raises InputError, naming the keys that differ, if another run lives there, or if it goes on in another way; or the
-    file, if there is no run, and one would overwrite what is there.
+    Raises InputError, naming the keys that differ, if another run lives there, or if it goes on in another way.
     """
-    if not (directory / CONFIG).exists() or not (directory / STATE).exists():
-        refuse_foreign(directory, domain, config_hash(config))
+    if not holds_run(directory):
         return False
     kept = read_yaml(directory / CONFIG)
     mine, theirs = (flatten(identity(c)) for c in (config, kept))
@@ -57,12 +55,16 @@ def check(directory: Path, config: dict[str, Any], domain: TowerDomain) -> bool:
 
 
 def begin(directory: Path, config: dict[str, Any], domain: TowerDomain) -> None:
-    """Make the (locked) directory this run's own, unless it is already; config.yaml, written last, says that it is."""
+    """Make the (locked) directory this run's own, unless it is already; config.yaml, written last, says that it is.
+
+    Raises InputError as `check` does; or, naming the file, if something there is the user's and would be overwritten.
+    """
     if check(directory, config, domain):
         return
-    if (directory / CONFIG).exists():
+    if holds_run(directory):
         lengthen(directory, config)
         return
+    refuse_foreign(directory, domain, config_hash(config))
     hydra = HydraConfig.get()
     in_sweep = hydra.mode == RunMode.MULTIRUN or directory.parent == Path(hydra.sweep.dir).absolute()
     choices = {key: value for key, value in hydra.runtime.choices.items() if "hydra/" not in key}
@@ -87,6 +89,11 @@ def begin(directory: Path, config: dict[str, Any], domain: TowerDomain) -> None:
         write_yaml(directory / CONFIG, config)
     except OSError as error:
         raise InputError(f"{directory}: cannot be written: {error.strerror}") from None
+
+
+def holds_run(directory: Path) -> bool:
+    """Has a run made the directory its own?"""
+    return (directory / CONFIG).exists() and (directory / STATE).exists()
 
 
 def lengthen(directory: Path, config: dict[str, Any]) -> None:
