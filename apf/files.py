@@ -1,7 +1,9 @@
-"""Files that are there whole or not at all, also after a power cut."""
+"""Files that are there whole or not at all, also after a power cut, and that take the place of nothing else."""
 
 import contextlib
 import os
+import re
+import secrets
 import zlib
 from collections.abc import Iterator
 from pathlib import Path
@@ -10,13 +12,23 @@ import yaml
 
 from apf.errors import InputError
 
+HALF = re.compile(r"\..+\.[0-9a-f]{8}\.apf-part")
+"""Names of files that `replacing` has not finished."""
+
 
 @contextlib.contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Where to write what then takes the place of `path`, in one step and on the disk; or, on an error, does not."""
-    half = path.with_name(path.name + ".part")
+    """Where to write what then takes the place of `path`, in one step and on the disk; or, on an error, does not.
+
+    The file gets the mode of any new file, whatever mode a library writes it with.
+    """
+    half = path.with_name(f".{path.name}.{secrets.token_hex(4)}.apf-part")
     try:
+        half.touch(exist_ok=False)
+        mode = half.stat().st_mode & 0o777
         yield half
+        if half.stat().st_mode & 0o777 != mode:
+            half.chmod(mode)
         sync(half)
         half.replace(path)
         sync(path.parent)
@@ -25,21 +37,50 @@ def replacing(path: Path) -> Iterator[Path]:
             half.unlink()
 
 
+def remove_unfinished(folder: Path) -> None:
+    """Remove what a killed process left of files that it was writing there."""
+    for path in folder.glob(".*.apf-part"):
+        if HALF.fullmatch(path.name):
+            path.unlink(missing_ok=True)
+
+
 def sync(path: Path) -> None:
     """Wait until a file, or the list of a folder's files, is on the disk."""
-    descriptor = os.open(path, os.O_RDONLY)
+    if os.name == "nt" and path.is_dir():
+        return  # Windows opens no folders, and keeps their lists itself
+    descriptor = os.open(path, os.O_RDWR if os.name == "nt" else os.O_RDONLY)
     try:
         os.fsync(descriptor)
     finally:
         os.close(descriptor)
 
 
+def make_folder(folder: Path) -> None:
+    """Make a folder, and those above it, if they are missing; all of them are on the disk then."""
+    missing = [path for path in (folder, *folder.parents) if not path.exists()]
+    folder.mkdir(parents=True, exist_ok=True)
+    for path in missing:
+        sync(path.parent)
+
+
+def sync_path_to(folder: Path) -> None:
+    """Wait until a folder that somebody else made is on the disk, and those above it: as far as they can be read."""
+    for path in (folder.absolute(), *folder.absolute().parents):
+        with contextlib.suppress(OSError):
+            sync(path)
+
+
 def checksum(path: Path) -> str | None:
-    """Eight hexadecimal digits of a file's bytes, or None if it cannot be read."""
+    """Eight hexadecimal digits of a file's bytes, or None if there is no such file.
+
+    Raises InputError if there is one that cannot be read.
+    """
     try:
         return f"{zlib.crc32(path.read_bytes()):08x}"
-    except OSError:
+    except FileNotFoundError:
         return None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
 
 
 def write_yaml(path: Path, content: dict) -> None:

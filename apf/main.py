@@ -9,6 +9,7 @@ import pydantic
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
+from apf.claim import STATE, WORLD_TABLE, locked
 from apf.cli import one_line_errors, run_command
 from apf.config import Config, Learned, check_hydra, config_dir, describe, plain, validate
 from apf.cpu import set_up_cpu
@@ -18,10 +19,11 @@ from apf.files import read_yaml
 from apf.models import Ensemble, pick_device
 from apf.planning import Evaluator
 from apf.report import print_summary, save_figures
-from apf.rundir import STATE, WORLD_TABLE, abandon, begin, check, finish, locked, resumable, resumed
+from apf.rundir import begin, check, finish, resumable, resumed
 from apf.store import Store
 from apf.tables import write_table
 from apf.tracking import ConsoleTracker, RunInfo, Tracker, Trackers, log_end
+from apf.versions import changed
 
 
 @hydra.main(version_base="1.3", config_path=config_dir(), config_name="config")
@@ -36,13 +38,13 @@ def job(cfg: DictConfig) -> None:
     if check(directory, plain_config, config.domain):
         print(f"{directory} holds this run already, finished", file=sys.stderr)
         return
-    with locked(directory):
+    with locked(directory) as claim:
         try:
             begin(directory, plain_config, config.domain)
             with resumable(directory):
                 run(directory, plain_config, config, model)
         except InputError:
-            abandon(directory)
+            claim.abandon()
             raise
 
 
@@ -57,9 +59,10 @@ def run(directory: Path, plain_config: dict[str, Any], config: Config, model: En
     info = RunInfo(state["name"], identifier, directory, plain_config, state["sweep"], experiment.history())
     failed = True
     try:
-        if store.journal.torn:
-            print("the last record of the journal was torn: what it held is done again", file=sys.stderr)
         tracker.start(info)
+        for notice in (changed(state.get("versions")), store.journal.notice):
+            if notice:
+                console.say(notice)
         if isinstance(config.predictor, Learned):
             experiment.run()
         elif not store.evaluated(0):
@@ -69,7 +72,7 @@ def run(directory: Path, plain_config: dict[str, Any], config: Config, model: En
         if table is not None:
             write_table(table, directory / WORLD_TABLE)
         save_figures(directory)
-        finish(directory, store.journal.seconds)
+        finish(directory, store.journal)
         failed = False
     except BaseException as error:
         log_end(error)

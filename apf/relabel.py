@@ -1,6 +1,7 @@
 """python -m apf.relabel: what an operator saw of a tower differs from what was recorded."""
 
 import shlex
+import sys
 from pathlib import Path
 
 import hydra
@@ -8,11 +9,12 @@ import numpy as np
 from omegaconf import DictConfig, OmegaConf
 from pydantic import NonNegativeInt
 
+from apf.claim import CONFIG, JOURNAL, STATE, locked
 from apf.cli import one_line_errors, run_command
 from apf.config import build, config_dir
 from apf.errors import InputError
 from apf.files import read_yaml
-from apf.rundir import CONFIG, JOURNAL, locked, reopen
+from apf.rundir import reopen
 from apf.settings import settings
 from apf.store import VALUE, Store
 from apf.towers import TowerDomain
@@ -36,13 +38,15 @@ def job(cfg: DictConfig) -> None:
     if "labels" in cfg and isinstance(cfg.labels, int):
         cfg.labels = str(cfg.labels)
     config = build(cfg, RelabelConfig)
-    for name in (CONFIG, JOURNAL):
+    for name in (CONFIG, STATE, JOURNAL):
         if not (config.run / name).exists():
             raise InputError(f"run={config.run}: no run there; give a directory that holds {name}")
     with locked(config.run):
         domain = domain_of(config.run)
         domain.check_kept(config.run)
         store = Store(config.run, domain)
+        if store.journal.notice:
+            print(store.journal.notice, file=sys.stderr)
         try:
             old = store.tower(config.tower).labels or ""
             new = checked(config.labels, len(old))

@@ -1,56 +1,28 @@
-"""Whose a run directory is, who works in it, how it was started, and how to go on with it."""
+"""What run a directory holds, how it was started, how far it has gone, and how to go on with it."""
 
 import contextlib
-import fcntl
 import os
 import secrets
 import shlex
-import socket
 from collections.abc import Iterator
-from importlib.metadata import version
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from hydra.core.hydra_config import HydraConfig
 from hydra.types import RunMode
 
+from apf.claim import CONFIG, JOURNAL, STATE, TABLES, WORLD_TABLE, is_new, refuse_foreign
 from apf.config import LENGTH, config_dir, config_hash, flatten, identity
 from apf.errors import InputError, Stopped
 from apf.files import checksum, read_yaml, write_yaml
 from apf.interrupts import Interrupted
+from apf.journal import Journal, create
 from apf.towers import TowerDomain
+from apf.versions import versions
 
-CONFIG, STATE, JOURNAL, LOCK = "config.yaml", "run.yaml", "journal.jsonl", "lock"
-TABLES = ("towers.parquet", "regret.parquet", "accuracy.parquet")
-WORLD_TABLE = "world.parquet"
-"""What the world reported of each plan, if it reports anything."""
 NOT_KEPT = ("hydra.mode", "hydra.run.", "hydra.sweep", "hydra/sweeper", "hydra.launcher", "hydra/launcher")
 """Hydra's own overrides that say where and how a run is started, not what it is."""
-
-
-@contextlib.contextmanager
-def locked(directory: Path) -> Iterator[None]:
-    """Hold a run directory while this process lives; the system frees it, however the process ends.
-
-    Raises InputError if another process holds it, or nothing can be written there.
-    """
-    try:
-        directory.mkdir(parents=True, exist_ok=True)
-        lock = (directory / LOCK).open("a+")
-    except OSError as error:
-        raise InputError(f"{directory}: cannot be written: {error.strerror}") from None
-    with lock:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            lock.seek(0)
-            holder = lock.read().strip() or "another process"
-            raise InputError(f"{directory}: {holder} works in it; wait for it, or stop it, and try again") from None
-        with contextlib.suppress(OSError):
-            lock.truncate(0)
-            lock.write(f"process {os.getpid()} on {socket.gethostname()}")
-            lock.flush()
-        yield
 
 
 def check(directory: Path, config: dict[str, Any], domain: TowerDomain) -> bool:
@@ -58,7 +30,7 @@ def check(directory: Path, config: dict[str, Any], domain: TowerDomain) -> bool:
 
     Raises InputError, naming the keys that differ, if another run lives there, or if it goes on in another way.
     """
-    if not (directory / CONFIG).exists():
+    if not holds_run(directory):
         return False
     kept = read_yaml(directory / CONFIG)
     mine, theirs = (flatten(identity(c)) for c in (config, kept))
@@ -83,35 +55,45 @@ def check(directory: Path, config: dict[str, Any], domain: TowerDomain) -> bool:
 
 
 def begin(directory: Path, config: dict[str, Any], domain: TowerDomain) -> None:
-    """Make the (locked) directory this run's own, unless it is already; config.yaml, written last, says that it is."""
+    """Make the (locked) directory this run's own, unless it is already; config.yaml, written last, says that it is.
+
+    Raises InputError as `check` does; or, naming the file, if something there is the user's and would be overwritten.
+    """
     if check(directory, config, domain):
         return
-    if (directory / CONFIG).exists():
+    if holds_run(directory):
         lengthen(directory, config)
         return
+    refuse_foreign(directory, domain, config_hash(config))
     hydra = HydraConfig.get()
     in_sweep = hydra.mode == RunMode.MULTIRUN or directory.parent == Path(hydra.sweep.dir).absolute()
     choices = {key: value for key, value in hydra.runtime.choices.items() if "hydra/" not in key}
+    identifier = secrets.token_hex(4)
     state = {
         "name": directory.name,
-        "id": secrets.token_hex(4),
+        "id": identifier,
         "hash": config_hash(config),
         "sweep": config["sweep"] if in_sweep else None,
         "choices": {**choices, "task": list(config["task"])},
         "overrides": list(hydra.overrides.task),
         "hydra": hydra_arguments(hydra),
         "cwd": str(Path.cwd()),
-        "versions": {name: version(name) for name in ("apf", "torch", "torch-geometric", "numpy")},
+        "versions": versions(),
         "finished": False,
         "seconds": 0.0,
     }
     try:
         domain.keep(directory)
         write_yaml(directory / STATE, state)
-        (directory / JOURNAL).touch()
+        create(directory / JOURNAL, identifier)
         write_yaml(directory / CONFIG, config)
     except OSError as error:
         raise InputError(f"{directory}: cannot be written: {error.strerror}") from None
+
+
+def holds_run(directory: Path) -> bool:
+    """Has a run made the directory its own?"""
+    return (directory / CONFIG).exists() and (directory / STATE).exists()
 
 
 def lengthen(directory: Path, config: dict[str, Any]) -> None:
@@ -125,28 +107,13 @@ def lengthen(directory: Path, config: dict[str, Any]) -> None:
         write_yaml(directory / CONFIG, {**kept, LENGTH: config[LENGTH]})
 
 
-def abandon(directory: Path) -> None:
-    """Take back what `begin` made for a run that never came to its first record."""
-    if not is_new(directory):
-        return
-    for path in (CONFIG, STATE, JOURNAL, LOCK, "run.log", "training_blocks.csv", "evaluation_blocks.csv"):
-        (directory / path).unlink(missing_ok=True)
-    with contextlib.suppress(OSError):
-        (directory / "weights").rmdir()
-
-
-def is_new(directory: Path) -> bool:
-    """Has nothing been recorded yet?"""
-    return (directory / JOURNAL).exists() and (directory / JOURNAL).stat().st_size == 0
-
-
-def finish(directory: Path, seconds: float) -> None:
-    """Note that the run has finished, and how its tables and weights look."""
+def finish(directory: Path, journal: Journal) -> None:
+    """Note that the run has finished, how far its journal goes, and how that, tables and weights look."""
     weights = [f"weights/{path.name}" for path in sorted((directory / "weights").glob("*.safetensors"))]
     reported = [WORLD_TABLE] if (directory / WORLD_TABLE).exists() else []
-    files = {name: checksum(directory / name) for name in (*TABLES, *reported, *weights)}
-    state = read_yaml(directory / STATE)
-    write_yaml(directory / STATE, {**state, "finished": True, "seconds": round(seconds, 1), "files": files})
+    files = {name: checksum(directory / name) for name in (JOURNAL, *TABLES, *reported, *weights)}
+    done = {"finished": True, "seconds": round(journal.seconds, 1), "journal": asdict(journal.end), "files": files}
+    write_yaml(directory / STATE, {**read_yaml(directory / STATE), **done})
 
 
 def reopen(directory: Path) -> None:
@@ -155,7 +122,7 @@ def reopen(directory: Path) -> None:
 
 
 def finished(directory: Path) -> bool:
-    """Has the run there finished, and are its tables and weights still what they were?"""
+    """Has the run there finished, and are its journal, tables and weights still what they were?"""
     if not (directory / STATE).exists():
         return False
     state = read_yaml(directory / STATE)

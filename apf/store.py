@@ -18,9 +18,10 @@ import pandas as pd
 from apf.acquisition import Scored
 from apf.data import Labelled
 from apf.errors import InputError
-from apf.files import checksum, replacing
-from apf.journal import Journal, Record
+from apf.files import checksum, make_folder, read_yaml, remove_unfinished, replacing
+from apf.journal import HEADER, End, Journal, Record
 from apf.planning.evaluation import ACCURACY_COLUMNS, REGRET_COLUMNS
+from apf.records import check
 from apf.tables import write_table
 from apf.towers import TowerDomain
 
@@ -65,29 +66,35 @@ class Store:
     """Reads and writes one run directory. A label is on disk before `record` returns."""
 
     def __init__(self, directory: Path, domain: TowerDomain) -> None:
-        """Raises InputError if the journal is damaged or cannot be written."""
+        """Raises InputError if the journal is damaged, another run's, or cannot be written."""
         self.directory = directory
         self.domain = domain
-        (directory / "weights").mkdir(parents=True, exist_ok=True)
-        self.journal = Journal(directory / "journal.jsonl")
+        state = read_yaml(directory / "run.yaml") if (directory / "run.yaml").exists() else {}
+        known = state.get("journal")
+        self.journal = Journal(directory / "journal.jsonl", state.get("id", ""), End(**known) if known else None)
+        make_folder(directory / "weights")
+        for folder in (directory, directory / "weights"):
+            remove_unfinished(folder)
         self.corrections = 0
         self._towers: list[Tower] = []
         self._trainings: dict[int, dict[str, float]] = {}
         self._evaluations: dict[int, Record] = {}
-        for number, record in enumerate(self.journal.records, 1):
+        for number, record in enumerate(self.journal.records, HEADER + 1):
             try:
-                self._apply(record)
-            except (KeyError, IndexError, TypeError):
+                check(record, self._towers, domain.encoded_length)
+            except ValueError as error:
+                self.close()
                 line = f"line {number} ({record.get('kind')})"
-                raise InputError(
-                    f"{self.journal.path} is damaged: {line} does not follow from those before it"
-                ) from None
+                raise InputError(f"{self.journal.path} is damaged: {line} cannot be used: {error}") from None
+            self._apply(record)
 
     def close(self) -> None:
         """Release the journal."""
         self.journal.close()
 
     def _append(self, kind: str, **content: Any) -> None:
+        """Make a record durable, and take it into account. Raises ValueError if it could not be read back."""
+        check({"kind": kind, **content}, self._towers, self.domain.encoded_length)
         self._apply(self.journal.append(kind, **content))
 
     def _apply(self, record: Record) -> None:

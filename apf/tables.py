@@ -7,7 +7,7 @@ from pathlib import Path
 import pandas as pd
 
 from apf.errors import InputError
-from apf.files import replacing
+from apf.files import make_folder, replacing
 
 
 def check_ending(path: Path) -> None:
@@ -63,7 +63,7 @@ def write_table(table: pd.DataFrame, path: Path, units: Mapping[str, str] | None
     if units:
         table = table.rename(columns={c: f"{c} [{unit}]" for c, unit in units.items()})
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
+        make_folder(path.parent)
         with replacing(path) as half:
             if path.suffix == ".csv":
                 table.to_csv(half, index=False)

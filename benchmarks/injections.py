@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import yaml
 
 import apf.main
 from apf.errors import InputError
@@ -73,6 +74,9 @@ class Suite:
         self.timeline = begun.phases
         self.seconds = begun.heard[-1][0]
         self.expected = contents(self.reference / "run")
+        self.other = self.folder()
+        if Run((*START, "seed=1"), self.other).wait() != 0:
+            raise RuntimeError("a run of another seed fails")
 
     def folder(self) -> Path:
         """A new empty folder."""
@@ -156,15 +160,20 @@ class Suite:
             yield f"{fault} {number + 1} of {n}"
 
     def torn(self, whole: int) -> Iterator[str]:
-        """The last record cut short, or garbled, at every byte; `whole` of them resumed to the end, all reopened."""
+        """The last record cut short, or garbled, at every byte; `whole` of them resumed to the end, all reopened.
+
+        Then what no crash does: damage elsewhere, lines that are doubled, missing, swapped, or another run's.
+        """
         folder = self.folder()
         shutil.copytree(self.reference / "run", folder / "run")
         run, domain = folder / "run", TowerDomain()
+        reopen(run)
+        identifier = yaml.safe_load((run / "run.yaml").read_text())["id"]
         lines = (run / "journal.jsonl").read_bytes().splitlines(keepends=True)
         last = max(n for n, line in enumerate(lines) if b'"label"' in line[:20])
         base, record = b"".join(lines[:last]), lines[last]
-        known = parse(base, run)[0]
-        cases = [("torn", record[:n]) for n in range(len(record))]
+        known = parse(base, run, identifier).records
+        cases = [("torn", record[:n]) for n in range(1, len(record) - 1)]
         for n, byte in enumerate(record):
             cases += [("garbled", record[:n] + bytes([byte ^ flip]) + record[n + 1 :]) for flip in (1, 255)]
         step = max(1, len(cases) // max(1, whole))
@@ -173,24 +182,46 @@ class Suite:
             store = Store(run, domain)
             if store.journal.records != known or (run / "journal.jsonl").read_bytes() != base:
                 self.report.unclear.append(f"{fault} record, byte {number}: not cut off")
+            if store.journal.torn is None or store.journal.torn.read_bytes() != tail:
+                self.report.unclear.append(f"{fault} record, byte {number}: not kept aside")
             store.close()
+            (run / "journal.torn-1.jsonl").unlink(missing_ok=True)
             self.report.faults[f"{fault} record"] += 1
             if number % step == 0 and number // step < whole:
                 copy = self.folder()
                 shutil.copytree(run, copy / "run")
-                reopen(copy / "run")
                 self.resume(f"{fault} record, resumed", copy, len(labels(run)))
             yield f"torn record {number + 1} of {len(cases)}"
         for n in range(0, len(base), max(1, len(base) // 200)):  # before the last record: no crash does that
             garbled = base[:n] + bytes([base[n] ^ 1]) + base[n + 1 :] + record
-            (run / "journal.jsonl").write_bytes(garbled)
-            self.report.faults["damage elsewhere"] += 1
-            try:
-                Store(run, domain).close()
-                self.report.unclear.append(f"damage at byte {n} is not noticed")
-            except InputError as error:
-                self.report.refused += "is damaged" in str(error)
+            self.refused("damage elsewhere", run, garbled, domain)
             yield f"damage at byte {n}"
+        other = (self.other / "run" / "journal.jsonl").read_bytes().splitlines(keepends=True)
+        for n in range(1, last):
+            for fault, wrong in (
+                ("line doubled", [*lines[: n + 1], *lines[n:]]),
+                ("line missing", [*lines[:n], *lines[n + 1 :]]),
+                ("lines swapped", [*lines[:n], lines[n + 1], lines[n], *lines[n + 2 :]]),
+                ("line of another run", [*lines[:n], other[n], *lines[n + 1 :]]),
+                ("lines of another run", [*lines[:n], *other[n:]]),
+                ("two lines damaged", [*lines[:n], *(b"x" + line for line in lines[n : n + 2])]),
+            ):
+                self.refused(fault, run, b"".join(wrong), domain)
+                yield f"{fault}, {n + 1}"
+        self.refused("line ends of Windows", run, b"".join(lines).replace(b"\n", b"\r\n"), domain)
+        self.refused("journal of another run", run, b"".join(other), domain)
+
+    def refused(self, fault: str, run: Path, journal: bytes, domain: TowerDomain) -> None:
+        """The run must not go on with that journal, which must stay as it is."""
+        self.report.faults[fault] += 1
+        (run / "journal.jsonl").write_bytes(journal)
+        try:
+            Store(run, domain).close()
+            self.report.unclear.append(f"{fault}: not noticed")
+        except InputError:
+            self.report.refused += 1
+        if (run / "journal.jsonl").read_bytes() != journal or (run / "journal.torn-1.jsonl").exists():
+            self.report.unclear.append(f"{fault}: the journal was changed")
 
     def files(self) -> Iterator[str]:
         """Weights and tables of a finished run missing or garbled; the files of a run that goes on, too."""
@@ -352,6 +383,7 @@ def labels(run: Path) -> dict[int, str]:
 
 
 def reopen(run: Path) -> None:
-    """Take back that the run has finished."""
-    text = (run / "run.yaml").read_text()
-    (run / "run.yaml").write_text(text.replace("finished: true", "finished: false"))
+    """Take back that the run has finished, and how far its journal went."""
+    state = yaml.safe_load((run / "run.yaml").read_text()) | {"finished": False}
+    del state["journal"]
+    (run / "run.yaml").write_text(yaml.safe_dump(state))

@@ -53,9 +53,17 @@ class TowerDomain:
         return self.evaluation.load()
 
     def keep(self, directory: Path) -> None:
-        """Write both block sets into a run directory: what was labelled stays tied to them."""
+        """Write both block sets into a run directory, unless they are there: what was labelled stays tied to them."""
         for name, blocks in self._sets().items():
-            write_blocks(blocks, directory / name)
+            if not self.is_kept(directory / name):
+                write_blocks(blocks, directory / name)
+
+    def is_kept(self, path: Path) -> bool:
+        """Is there such a file, and does it hold what `keep` writes there?"""
+        try:
+            return path.exists() and self._sets()[path.name].equals(read_blocks(path))
+        except InputError:
+            return False
 
     def check_kept(self, directory: Path) -> None:
         """Raises InputError if a block set is not the one that `keep` wrote."""
@@ -129,6 +137,15 @@ class TowerDomain:
             {"block": b, "rotation": r, "xy": xy}
             for b, r, xy in zip(plans.block.tolist(), plans.rotation.tolist(), plans.xy.tolist(), strict=True)
         ]
+
+    def encoded_length(self, plan: dict[str, Any]) -> int:
+        """How many placements a plan has that `encode` wrote. Raises ValueError if it is not one of this domain."""
+        n = len(self.training_blocks)
+        match plan:
+            case {"block": [*block], "rotation": [*rotation], "xy": [*xy]} if len(block) == len(rotation) == len(xy):
+                if block and all(type(b) is int and 0 <= b < n for b in block):
+                    return len(block)
+        raise ValueError(f"a plan is not block (0 to {n - 1}), rotation and xy of some placements")
 
     def decode(self, plans: Sequence[dict[str, Any]]) -> Towers:
         """The plans, all of one length, that `encode` wrote."""

@@ -39,10 +39,10 @@ class ConsoleTracker(Tracker):
         self._file.setFormatter(logging.Formatter("%(asctime)s %(message)s"))
         log.addHandler(self._file)
         log.setLevel(logging.INFO)
-        self._say(f"{run.name} in {run.directory}")
+        self.say(f"{run.name} in {run.directory}")
         if run.history:
             last = run.history[-1]
-            self._say(f"going on after step {last.step}, {last.towers} towers")
+            self.say(f"going on after step {last.step}, {last.towers} towers")
         if self.console.is_terminal:
             columns = (
                 SpinnerColumn(),
@@ -74,7 +74,7 @@ class ConsoleTracker(Tracker):
             topic, _, number = name.partition("/")
             topics.setdefault(topic, []).append(f"{number} {value:.3g}")
         for topic, numbers in topics.items():
-            self._say(f"step {figures.step}, {figures.towers} towers, {topic}: {', '.join(numbers)}")
+            self.say(f"step {figures.step}, {figures.towers} towers, {topic}: {', '.join(numbers)}")
 
     def finish(self, failed: bool) -> None:
         """Take the bar away."""
@@ -86,7 +86,8 @@ class ConsoleTracker(Tracker):
             self._file.close()
             self._file = None
 
-    def _say(self, line: str) -> None:
+    def say(self, line: str) -> None:
+        """One line on the terminal and in run.log."""
         log.info(line)
         if self._progress:
             self._progress.console.print(line, highlight=False)

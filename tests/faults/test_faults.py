@@ -37,6 +37,8 @@ def test_the_last_record_torn_or_garbled_at_every_byte(suite: Suite) -> None:
     must_be_harmless(suite, suite.torn(1))
     assert suite.report.faults["torn record"] > 50
     assert suite.report.refused >= suite.report.faults["damage elsewhere"] > 100
+    for fault in ("line doubled", "line missing", "lines swapped", "line of another run", "line ends of Windows"):
+        assert suite.report.faults[fault]
 
 
 def test_a_full_disk(suite: Suite) -> None:
