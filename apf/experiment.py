@@ -9,6 +9,7 @@ from pydantic import NonNegativeInt, PositiveFloat, PositiveInt
 from apf.acquisition import Sampler
 from apf.errors import Stopped
 from apf.models import Ensemble
+from apf.objective import figures
 from apf.planning import Evaluator
 from apf.predictor import Predictor
 from apf.rng import stream
@@ -151,15 +152,15 @@ class Experiment:
 
     def history(self) -> list[Figures]:
         """All figures that the store can tell of what was done, in the order in which they came."""
-        figures = []
+        history = []
         for step in range(self.steps + 1):
             if self.store.planned(step) and not self.store.pending(step):
-                figures.append(self.execution_figures(step))
+                history.append(self.execution_figures(step))
             if losses := self.store.training(step):
-                figures.append(Figures(step, Phase.LEARNED, self.store.count(until=step), losses))
+                history.append(Figures(step, Phase.LEARNED, self.store.count(until=step), losses))
             if self.store.evaluated(step):
-                figures.append(self.evaluation_figures(step))
-        return figures
+                history.append(self.evaluation_figures(step))
+        return history
 
     def execution_figures(self, step: int) -> Figures:
         """The share of plans that succeeded, and the scores that they were chosen for."""
@@ -175,9 +176,4 @@ class Experiment:
     def evaluation_figures(self, step: int) -> Figures:
         """Median regret and towers standing for each world and task, accuracy for each length."""
         regret, accuracy = (table[table["step"] == step] for table in (self.store.regret(), self.store.accuracy()))
-        by = regret.sort_values("world", kind="stable").groupby(["world", "task"], sort=False)
-        where = {"/".join(map(str, names)): group for names, group in by}
-        metrics = {f"regret/{name}": group["regret"].median() for name, group in where.items()}
-        metrics |= {f"standing/{name}": group["feasible"].mean() for name, group in where.items()}
-        metrics |= {f"accuracy/{length}": share for length, share in zip(accuracy["length"], accuracy["accuracy"])}
-        return Figures(step, Phase.EVALUATED, self.store.count(until=step), metrics)
+        return Figures(step, Phase.EVALUATED, self.store.count(until=step), figures(regret, accuracy))

@@ -7,6 +7,7 @@ from typing import Any
 import hydra
 import pydantic
 from hydra.core.hydra_config import HydraConfig
+from hydra.types import RunMode
 from omegaconf import DictConfig
 
 from apf.cli import one_line_errors, run_command
@@ -16,6 +17,7 @@ from apf.errors import InputError
 from apf.experiment import Experiment
 from apf.files import read_yaml
 from apf.models import Ensemble, pick_device
+from apf.objective import must_be_number, optimises, returned
 from apf.planning import Evaluator
 from apf.report import print_summary, save_figures
 from apf.rundir import STATE, WORLD_TABLE, abandon, begin, check, finish, locked, resumable, resumed
@@ -26,24 +28,32 @@ from apf.tracking import ConsoleTracker, RunInfo, Tracker, Trackers, log_end
 
 @hydra.main(version_base="1.3", config_path=config_dir(), config_name="config")
 @one_line_errors
-def job(cfg: DictConfig) -> None:
-    """One run, in Hydra's output directory. A finished run of the same config returns at once."""
+def job(cfg: DictConfig) -> float | tuple[float, ...] | None:
+    """One run, in Hydra's output directory. A finished run of the same config returns at once.
+
+    Returns the run's objective, for a sweeper.
+    """
     directory = Path(HydraConfig.get().runtime.output_dir)
     check_hydra(HydraConfig.get())
     plain_config, config = plain(cfg), validate(cfg)
     set_up_cpu(config.threads)
     model = make_model(cfg, config)
+    optimised = HydraConfig.get().mode == RunMode.MULTIRUN and optimises(HydraConfig.get(), config.objective)
     if check(directory, plain_config, config.domain):
         print(f"{directory} holds this run already, finished", file=sys.stderr)
-        return
-    with locked(directory):
-        try:
-            begin(directory, plain_config, config.domain)
-            with resumable(directory):
-                run(directory, plain_config, config, model)
-        except InputError:
-            abandon(directory)
-            raise
+    else:
+        with locked(directory):
+            try:
+                begin(directory, plain_config, config.domain)
+                with resumable(directory):
+                    run(directory, plain_config, config, model)
+            except InputError:
+                abandon(directory)
+                raise
+    value = returned(directory, config.objective, config.towers)
+    if optimised:
+        must_be_number(value)
+    return value
 
 
 def run(directory: Path, plain_config: dict[str, Any], config: Config, model: Ensemble) -> None:

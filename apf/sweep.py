@@ -8,11 +8,12 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from hydra.core.hydra_config import HydraConfig
-from hydra.core.utils import JobReturn
+from hydra.core.utils import JobReturn, JobStatus
 from hydra.plugins.launcher import Launcher
 from hydra.types import HydraContext
 from omegaconf import DictConfig, OmegaConf, open_dict
@@ -22,6 +23,7 @@ from apf.cli import FOLLOWER, MISTAKES, one_line
 from apf.config import check_hydra, plain, validate
 from apf.errors import InputError, Stopped
 from apf.interrupts import Interrupted
+from apf.objective import Objective, must_be_number, optimises, returned
 from apf.rundir import check, finished, hydra_arguments, quoted
 
 PATIENCE = 20.0
@@ -31,7 +33,10 @@ AGAIN = "the same command again does what is missing"
 
 @dataclass
 class Job:
-    """One run of a sweep. state: empty until it is known what came of it. reason: of a failure."""
+    """One run of a sweep. state: empty until it is known what came of it. reason: of a failure.
+
+    value: of the objective, once the run has finished with as many towers.
+    """
 
     overrides: list[str]
     directory: Path
@@ -39,6 +44,9 @@ class Job:
     threads: int
     state: str = ""
     reason: str = ""
+    objective: Objective = ()
+    towers: int = 0
+    value: float | tuple[float, ...] | None = None
 
     @property
     def failed(self) -> bool:
@@ -58,13 +66,19 @@ class Sweep:
         self.console = Console(stderr=True, highlight=False, soft_wrap=True)
         self.processes: list[subprocess.Popen] = []
         self.over = False
+        self.optimised = optimises(config.hydra, config.get("objective"))
 
     def run(self, job_overrides: Sequence[Sequence[str]], first: int) -> list[JobReturn]:
-        """Do what is missing, and tell what came of it. Raises Stopped if a run did not finish."""
+        """Do what is missing, and tell what came of it. What is returned raises Stopped for a run that did not finish.
+
+        Returns what each list of overrides came to, in their order: the objective, if there is one.
+        """
         jobs: dict[Path, Job] = {}
+        asked: list[tuple[list[str], Path]] = []
         for number, overrides in enumerate(job_overrides, first):
             job = self.prepare(list(overrides), number)
             jobs.setdefault(job.directory, job)  # what differs in nothing that matters is one run
+            asked.append((job.overrides, job.directory))
         missing = [job for job in jobs.values() if not job.state]
         try:
             if missing and self.engine is None:
@@ -74,11 +88,11 @@ class Sweep:
         except KeyboardInterrupt as error:
             raise Interrupted(getattr(error, "number", 2), f"interrupted; {AGAIN}") from None
         finally:
+            self.look_up_objectives(list(jobs.values()))
             self.summarise(list(jobs.values()))
         failed = sum(job.failed for job in jobs.values())
-        if failed:
-            raise Stopped(f"{failed} of {len(jobs)} runs did not finish; {AGAIN}")
-        return []
+        error = Stopped(f"{failed} of {len(jobs)} runs did not finish; {AGAIN}")
+        return [outcome(overrides, jobs[directory], error) for overrides, directory in asked]
 
     def prepare(self, overrides: list[str], number: int) -> Job:
         """Compose and check one job. One that has finished, or is a mistake, need not be started."""
@@ -100,7 +114,9 @@ class Sweep:
             check_hydra(config.hydra)
             job_config = OmegaConf.masked_copy(config, [str(key) for key in config if key != "hydra"])
             HydraConfig.instance().set_config(config)
-            if check(directory, plain(job_config), validate(job_config).domain):
+            checked = validate(job_config)
+            job.objective, job.towers = checked.objective, checked.towers
+            if check(directory, plain(job_config), checked.domain):
                 job.state = "already finished"
         except MISTAKES as error:
             job.state, job.reason = "failed", one_line(error)
@@ -167,13 +183,48 @@ class Sweep:
 
     # -- the end ------------------------------------------------------------------------------------------------
 
+    def look_up_objectives(self, jobs: list[Job]) -> None:
+        """From the tables of the runs that have finished. Where a sweeper compares them, each must be a number."""
+        for job in jobs:
+            if job.failed:
+                continue
+            try:
+                job.value = returned(job.directory, job.objective, job.towers)
+                if self.optimised:
+                    must_be_number(job.value)
+            except (Stopped, OSError) as error:
+                job.state, job.reason = "failed", one_line(error)
+
     def summarise(self, jobs: list[Job]) -> None:
         """A line for each run."""
         self.console.print()
         for job in jobs:
             state = job.state or "not finished"
             reason = f": {job.reason}" if job.reason else ""
-            self.console.print(f"{state:<17} {job.directory.name}{reason}", markup=False)
+            value = f": {job.value}" if job.value is not None else ""
+            self.console.print(f"{state:<17} {job.directory.name}{reason or value}", markup=False)
+
+
+@dataclass
+class Failed(JobReturn):
+    """A run that did not finish: its value, when a sweeper asks for it, is this error, and nothing more is printed."""
+
+    error: Exception = field(default_factory=Exception)
+
+    @property
+    def return_value(self) -> Any:
+        """Raises the error."""
+        raise self.error
+
+
+def outcome(overrides: list[str], job: Job, error: Exception) -> JobReturn:
+    """What a sweeper is told of a run."""
+    told = {"overrides": overrides, "working_dir": str(job.directory), "task_name": "apf"}
+    if job.failed:
+        return Failed(**told, status=JobStatus.FAILED, error=error)
+    done = JobReturn(**told, status=JobStatus.COMPLETED)
+    done.return_value = job.value
+    return done
 
 
 def run_here(cfg: DictConfig) -> str:
