@@ -73,7 +73,9 @@ def run(directory: Path, plain_config: dict[str, Any], config: Config, model: En
         if isinstance(config.predictor, Learned):
             experiment.run()
         elif not store.evaluated(0):
+            tracker.plan(0, experiment.evaluator.work())
             experiment.evaluate(0, config.predictor)
+        tracker.begin(experiment.steps, "writing tables and figures")
         store.export()
         table = config.world.table(store.reports())
         if table is not None:
@@ -117,7 +119,7 @@ def make_experiment(config: Config, model: Ensemble, store: Store, tracker: Trac
         world=config.world,
         model=model,
         evaluator=Evaluator(
-            config.evaluation, config.domain, config.planner, config.task, tracker.detail, config.execution.time_limit
+            config.evaluation, config.domain, config.planner, config.task, tracker.begin, config.execution.time_limit
         ),
         store=store,
         tracker=tracker,

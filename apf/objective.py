@@ -2,11 +2,12 @@
 
 import math
 from collections.abc import Iterable
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
 
 import pandas as pd
-from omegaconf import DictConfig
+from hydra.core.utils import JobReturn, JobStatus
 from pydantic import BeforeValidator
 
 from apf.errors import InputError, Stopped
@@ -55,7 +56,7 @@ def check_objective(objective: Objective, evaluation: EvaluationSettings, tasks:
             raise InputError(f"objective: there is no figure {name!r}; there are: {', '.join(known) or 'none'}")
 
 
-def optimises(hydra: DictConfig, objective: object) -> bool:
+def optimises(hydra: Any, objective: object) -> bool:
     """Does the sweeper of Hydra's config ask what a run returns?
 
     Raises InputError if it does, and no objective is chosen.
@@ -88,3 +89,30 @@ def must_be_number(value: float | tuple[float, ...] | None) -> None:
     values = value if isinstance(value, tuple) else (value,)
     if any(number is None or not math.isfinite(number) for number in values):
         raise Stopped(f"its objective is {value}: no candidate of the problems stands")
+
+
+@dataclass
+class Failed(JobReturn):
+    """A run that did not finish: its value, when a sweeper asks for it, is this error, and nothing more is printed."""
+
+    error: Exception = field(default_factory=Exception)
+
+    @property
+    def return_value(self) -> Any:
+        """Raises the error."""
+        raise self.error
+
+    @return_value.setter
+    def return_value(self, value: Any) -> None:
+        raise AttributeError("a run that did not finish returns nothing")
+
+
+def outcome(
+    overrides: list[str], directory: Path, value: float | tuple[float, ...] | None, error: Exception | None
+) -> JobReturn:
+    """What a sweeper is told of a run: its value, or the error that it ended with."""
+    if error is not None:
+        return Failed(overrides, working_dir=str(directory), status=JobStatus.FAILED, error=error)
+    done = JobReturn(overrides, working_dir=str(directory), status=JobStatus.COMPLETED)
+    done.return_value = value
+    return done

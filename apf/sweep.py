@@ -8,12 +8,11 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from hydra.core.hydra_config import HydraConfig
-from hydra.core.utils import JobReturn, JobStatus
+from hydra.core.utils import JobReturn
 from hydra.plugins.launcher import Launcher
 from hydra.types import HydraContext
 from omegaconf import DictConfig, OmegaConf, open_dict
@@ -23,8 +22,10 @@ from apf.cli import FOLLOWER, MISTAKES, one_line
 from apf.config import check_hydra, plain, validate
 from apf.errors import InputError, Stopped
 from apf.interrupts import Interrupted
-from apf.objective import Objective, must_be_number, optimises, returned
+from apf.objective import Objective, must_be_number, optimises, outcome, returned
 from apf.rundir import check, finished, hydra_arguments, quoted
+from apf.tracking import Board, ProgressFile
+from apf.tracking.progress import still
 
 PATIENCE = 20.0
 """Seconds that a run has to end after SIGTERM."""
@@ -91,8 +92,9 @@ class Sweep:
             self.look_up_objectives(list(jobs.values()))
             self.summarise(list(jobs.values()))
         failed = sum(job.failed for job in jobs.values())
-        error = Stopped(f"{failed} of {len(jobs)} runs did not finish; {AGAIN}")
-        return [outcome(overrides, jobs[directory], error) for overrides, directory in asked]
+        stopped = Stopped(f"{failed} of {len(jobs)} runs did not finish; {AGAIN}")
+        came = [(overrides, jobs[directory]) for overrides, directory in asked]
+        return [outcome(o, job.directory, job.value, stopped if job.failed else None) for o, job in came]
 
     def prepare(self, overrides: list[str], number: int) -> Job:
         """Compose and check one job. One that has finished, or is a mistake, need not be started."""
@@ -131,17 +133,19 @@ class Sweep:
         at_once = min(at_once, len(jobs))
         threading = f"{at_once} at once, {threads} thread{'s' * (threads > 1)} each"
         self.console.print(f"{total} runs, {len(jobs)} to do: {threading}")
-        done = total - len(jobs)
+        board = Board(self.console, total, total - len(jobs), at_once)
         pool = ThreadPoolExecutor(at_once)
         try:
-            status = self.console.status("running") if self.console.is_terminal else contextlib.nullcontext()
-            with status:
-                for future in as_completed([pool.submit(self.run_process, job) for job in jobs]):
+            with board.shown():
+                for number, future in enumerate(
+                    as_completed([pool.submit(self.run_process, job, board) for job in jobs]), total - len(jobs) + 1
+                ):
                     job, seconds, crash = future.result()
-                    done += 1
                     reason = f": {job.reason}" if job.failed else ""
+                    left = f"; {still(*board.left())}" if number < total else ""
                     self.console.print(
-                        f"[{done}/{total}] {job.directory.name} {job.state}, {seconds:.0f} s{reason}", markup=False
+                        f"[{number}/{total}] {job.directory.name} {job.state}, {seconds:.0f} s{reason}{left}",
+                        markup=False,
                     )
                     if crash:
                         self.console.print(crash, markup=False)
@@ -151,17 +155,16 @@ class Sweep:
             stop(list(self.processes))
             pool.shutdown()
 
-    def run_process(self, job: Job) -> tuple[Job, float, str]:
+    def run_process(self, job: Job, board: Board) -> tuple[Job, float, str]:
         """Run a job in a process of its own. Returns it with its state, how long it took, and what a crash printed."""
-        begun = time.monotonic()
-        with started(job.command, job.threads) as process:
+        with started(job.command, job.threads, board.started(job.directory.name)) as process:
             self.processes.append(process)
             if self.over:  # it began while the others were told to end
                 stop([process])
             _, said = process.communicate()
         job.reason, crash = explain(process.returncode, said)
         job.state = "failed" if job.reason else "finished"
-        return job, time.monotonic() - begun, crash
+        return job, board.ended(job.directory.name), crash
 
     # -- elsewhere ----------------------------------------------------------------------------------------------
 
@@ -205,28 +208,6 @@ class Sweep:
             self.console.print(f"{state:<17} {job.directory.name}{reason or value}", markup=False)
 
 
-@dataclass
-class Failed(JobReturn):
-    """A run that did not finish: its value, when a sweeper asks for it, is this error, and nothing more is printed."""
-
-    error: Exception = field(default_factory=Exception)
-
-    @property
-    def return_value(self) -> Any:
-        """Raises the error."""
-        raise self.error
-
-
-def outcome(overrides: list[str], job: Job, error: Exception) -> JobReturn:
-    """What a sweeper is told of a run."""
-    told = {"overrides": overrides, "working_dir": str(job.directory), "task_name": "apf"}
-    if job.failed:
-        return Failed(**told, status=JobStatus.FAILED, error=error)
-    done = JobReturn(**told, status=JobStatus.COMPLETED)
-    done.return_value = job.value
-    return done
-
-
 def run_here(cfg: DictConfig) -> str:
     """What another launcher's job does: the run in a process of its own, as on this machine. Returns why it failed.
 
@@ -248,10 +229,16 @@ def run_here(cfg: DictConfig) -> str:
 
 
 @contextlib.contextmanager
-def started(arguments: list[str], threads: int) -> Iterator[subprocess.Popen]:
-    """`python -m apf.main ARGUMENTS` in a session of its own, out of reach of Ctrl-C; it ends with this process."""
+def started(arguments: list[str], threads: int, progress: Path | None = None) -> Iterator[subprocess.Popen]:
+    """`python -m apf.main ARGUMENTS` in a session of its own, out of reach of Ctrl-C; it ends with this process.
+
+    progress: the file in which it should tell how far it is.
+    """
     environment = {**os.environ, "OMP_NUM_THREADS": str(threads), FOLLOWER: "1"}
     environment.pop("HYDRA_FULL_ERROR", None)
+    environment.pop(ProgressFile.VARIABLE, None)
+    if progress:
+        environment[ProgressFile.VARIABLE] = str(progress)
     read, write = os.pipe()  # the process sees its end close when this one ends
     try:
         process = subprocess.Popen(
