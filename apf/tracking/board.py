@@ -2,6 +2,7 @@
 
 import contextlib
 import heapq
+import itertools
 import tempfile
 import time
 from collections.abc import Iterator
@@ -24,6 +25,7 @@ class Board:
         self._took: list[float] = []
         self._running: dict[str, tuple[float, Path | None]] = {}
         self._folder: Path | None = None
+        self._numbers = itertools.count()
 
     @contextlib.contextmanager
     def shown(self) -> Iterator[None]:
@@ -38,8 +40,7 @@ class Board:
 
     def started(self, name: str) -> Path | None:
         """A run has begun. Returns the file by which it should tell how far it is, if anybody looks."""
-        path = self._folder / str(len(self._took) + len(self._running)) if self._folder else None
-        path = path and path.with_name(f"{path.name}-{time.monotonic_ns()}")
+        path = self._folder / str(next(self._numbers)) if self._folder else None
         self._running[name] = (time.monotonic(), path)
         return path
 

@@ -74,7 +74,7 @@ class ConsoleTracker(Tracker):
         """Show it."""
         self._estimate.begin(kind)
         self._now = (f"{kind} {number}/{of}" if of > 1 else kind, step)
-        self._told.write(self._progress)
+        self._told.write(kind, self._progress)
         if not self.console.is_terminal and time.monotonic() >= self._next:
             self._next = time.monotonic() + EVERY
             now = self._progress()

@@ -92,15 +92,20 @@ class ProgressFile:
     VARIABLE = "APF_PROGRESS"
     """Environment variable: where the file is wanted. Without it a run writes none."""
     EVERY = 0.5
-    """Seconds between two of its states."""
+    """Seconds between two states of the same kind of work."""
 
     def __init__(self) -> None:
         self._path = os.environ.get(self.VARIABLE)
+        self._kind = ""
         self._next = 0.0
 
-    def write(self, progress: Callable[[], Progress]) -> None:
-        """Replace the state, if somebody wants it and the last is old. What goes wrong with that is no matter."""
-        if self._path and time.monotonic() >= self._next:
+    def write(self, kind: str, progress: Callable[[], Progress]) -> None:
+        """Replace the state, if somebody wants it, when another kind of work begins or the last state is old.
+
+        What goes wrong with that is no matter.
+        """
+        if self._path and (kind != self._kind or time.monotonic() >= self._next):
+            self._kind = kind
             self._next = time.monotonic() + self.EVERY
             half = Path(f"{self._path}.part")
             with contextlib.suppress(OSError):

@@ -457,7 +457,7 @@ def test_environment_variables(here: Path, fakes: list[FakeRun], monkeypatch: py
     assert Path(first.settings["dir"]) == here / "elsewhere"
     assert (first.settings["project"], first.settings["entity"]) == ("theirs", "them")
     assert second.settings["project"] == "mine", "what the command says wins over the environment"
-    assert first.settings["settings"].console == "auto", "its default: WANDB_CONSOLE is left to W&B"
+    assert first.settings["settings"].console == wandb.Settings().console, "WANDB_CONSOLE is left to W&B"
     assert first.settings["settings"].init_timeout == 30
     assert {run.settings["id"] for run in fakes} == {
         yaml.safe_load((here / name / "run.yaml").read_text())["id"] for name in ("run", "other")
