@@ -27,18 +27,18 @@ _show_traceback = os.environ.get("HYDRA_FULL_ERROR") == "1"
 _in_job = False
 
 
-def one_line_errors(job: Callable[[DictConfig], None]) -> Callable[[DictConfig], None]:
+def one_line_errors(job: Callable[[DictConfig], Any]) -> Callable[[DictConfig], Any]:
     """Decorates a Hydra job: a user's mistake in it ends the process with one line and exit code 1.
 
     In a sweep that shares this process it does not end the others: Hydra goes on, and names it when it has done all.
     """
 
     @functools.wraps(job)
-    def wrapped(cfg: DictConfig) -> None:
+    def wrapped(cfg: DictConfig) -> Any:
         global _in_job
         _in_job = True
         try:
-            job(cfg)
+            return job(cfg)
         except ONE_LINE as error:
             NewFolders.remove()
             if _show_traceback or HydraConfig.get().mode == RunMode.MULTIRUN:

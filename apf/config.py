@@ -19,6 +19,7 @@ from apf.acquisition import Sampler
 from apf.errors import InputError
 from apf.experiment import Acquisition, Execution, Initial
 from apf.models import EnsembleSettings, Training
+from apf.objective import Objective, check_objective
 from apf.planning import EvaluationSettings, MonteCarloPlanner
 from apf.predictor import Predictor
 from apf.settings import settings
@@ -27,7 +28,7 @@ from apf.towers import BlockSet, TowerDomain
 from apf.tracking import Tracker
 from apf.worlds import World
 
-NO_EFFECT = ("tracker", "device", "threads", "sweep", "execution")
+NO_EFFECT = ("tracker", "device", "threads", "sweep", "execution", "objective")
 """Keys that may differ between two runs that are the same run."""
 LENGTH = "towers"
 """How far a run goes: it may be made longer."""
@@ -70,6 +71,7 @@ class Config:
     device: str
     threads: PositiveInt
     sweep: str
+    objective: Objective
 
 
 def validate(cfg: DictConfig) -> Config:
@@ -93,6 +95,7 @@ def validate(cfg: DictConfig) -> Config:
         _check_world(key, world, config.domain.evaluation_blocks, config.evaluation.blocks)
     for length in config.evaluation.lengths:
         config.domain.check_length(length, "evaluation.lengths", evaluation=True)
+    check_objective(config.objective, config.evaluation, config.task)
     return config
 
 

@@ -1,6 +1,7 @@
 """The experimentation phase: the active-learning loop (Section Problem Formulation)."""
 
 import math
+from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,6 +10,7 @@ from pydantic import NonNegativeInt, PositiveFloat, PositiveInt
 from apf.acquisition import Sampler
 from apf.errors import Stopped
 from apf.models import Ensemble
+from apf.objective import figures
 from apf.planning import Evaluator
 from apf.predictor import Predictor
 from apf.rng import stream
@@ -18,6 +20,8 @@ from apf.tracking import Figures, Phase, Tracker
 from apf.worlds import World, carry_out
 
 TRAIN, VALIDATION = "train", "validation"
+CHOOSING, FIRST, BUILDING, TRAINING = "choosing plans", "first towers", "building", "training"
+"""Kinds of work, as trackers show them."""
 
 
 @settings
@@ -81,15 +85,34 @@ class Experiment:
         What the store holds already is not done again: a run that was stopped goes on where it was, and as every
         draw has a stream of its own, it ends as if it had never stopped.
         """
+        self.tracker.plan(self.steps, self.work())
         for step in range(self.steps + 1):
             self.choose(step)
             self.execute(step)
-            to_propose = step < self.steps and not self.store.planned(step + 1) and self.sampler.score.asks_model
-            to_evaluate = self.due(step) and not self.store.evaluated(step)
-            if to_propose or to_evaluate:
+            to_learn, to_evaluate = self.to_do(step)
+            if to_learn:
                 self.learn(step)
             if to_evaluate:
                 self.evaluate(step, self.model)
+
+    def to_do(self, step: int) -> tuple[bool, bool]:
+        """Is a model to be trained after this step's plans, and is it to be evaluated?"""
+        to_propose = step < self.steps and not self.store.planned(step + 1) and self.sampler.score.asks_model
+        to_evaluate = self.due(step) and not self.store.evaluated(step)
+        return to_propose or to_evaluate, to_evaluate
+
+    def work(self) -> Counter[str]:
+        """The units of each kind of work that are to come."""
+        work: Counter[str] = Counter()
+        for step in range(self.steps + 1):
+            planned = self.store.planned(step)
+            plans = self.labelled_after(step) - (self.labelled_after(step - 1) if step else 0)
+            to_learn, to_evaluate = self.to_do(step)
+            work[CHOOSING] += not planned
+            work[BUILDING if step else FIRST] += len(self.store.pending(step)) if planned else plans
+            work[TRAINING] += to_learn
+            work.update(self.evaluator.work() if to_evaluate else {})
+        return work
 
     def due(self, step: int) -> bool:
         """Is this step evaluated? Whenever another `every` plans are labelled, and the last; not the initial model."""
@@ -100,7 +123,7 @@ class Experiment:
         """Decide which plans to try: random ones first, then those that the model would learn most from."""
         if self.store.planned(step):
             return
-        self.tracker.phase(step, self.steps, "choosing plans")
+        self.tracker.begin(step, CHOOSING)
         rng = stream(self.seed, "propose", step)
         domain = self.store.domain
         if step == 0:
@@ -117,8 +140,8 @@ class Experiment:
     def execute(self, step: int) -> None:
         """Try each plan in the world. Its labels are on disk before the next one starts."""
         pending = self.store.pending(step)
-        for number, plan in pending:
-            self.tracker.phase(step, self.steps, "building towers")
+        for place, (number, plan) in enumerate(pending, 1):
+            self.tracker.begin(step, BUILDING if step else FIRST, place, len(pending))
             rng = stream(self.seed, "world", number)
             world, before = (self.world.initial_world, None) if step == 0 else (self.world, self.store.last_report)
             outcome = carry_out(world, plan, rng, self.execution.time_limit, f"tower {number}", before)
@@ -128,7 +151,7 @@ class Experiment:
 
     def learn(self, step: int) -> None:
         """Train the ensemble from scratch on all that was labelled up to this step."""
-        self.tracker.phase(step, self.steps, "training")
+        self.tracker.begin(step, TRAINING)
         train, validation = (self.store.labelled(split, until=step) for split in (TRAIN, VALIDATION))
         try:
             history = self.model.fit(train, validation, stream(self.seed, "train", step))
@@ -140,7 +163,6 @@ class Experiment:
 
     def evaluate(self, step: int, predictor: Predictor) -> None:
         """Plan and test with the predictor; keep its weights if it has any."""
-        self.tracker.phase(step, self.steps, "evaluating")
         towers = self.store.count(until=step)
         regret = self.evaluator.regret(predictor, step, towers)
         accuracy = self.evaluator.accuracy(predictor, step, towers)
@@ -151,15 +173,15 @@ class Experiment:
 
     def history(self) -> list[Figures]:
         """All figures that the store can tell of what was done, in the order in which they came."""
-        figures = []
+        history = []
         for step in range(self.steps + 1):
             if self.store.planned(step) and not self.store.pending(step):
-                figures.append(self.execution_figures(step))
+                history.append(self.execution_figures(step))
             if losses := self.store.training(step):
-                figures.append(Figures(step, Phase.LEARNED, self.store.count(until=step), losses))
+                history.append(Figures(step, Phase.LEARNED, self.store.count(until=step), losses))
             if self.store.evaluated(step):
-                figures.append(self.evaluation_figures(step))
-        return figures
+                history.append(self.evaluation_figures(step))
+        return history
 
     def execution_figures(self, step: int) -> Figures:
         """The share of plans that succeeded, and the scores that they were chosen for."""
@@ -175,9 +197,4 @@ class Experiment:
     def evaluation_figures(self, step: int) -> Figures:
         """Median regret and towers standing for each world and task, accuracy for each length."""
         regret, accuracy = (table[table["step"] == step] for table in (self.store.regret(), self.store.accuracy()))
-        by = regret.sort_values("world", kind="stable").groupby(["world", "task"], sort=False)
-        where = {"/".join(map(str, names)): group for names, group in by}
-        metrics = {f"regret/{name}": group["regret"].median() for name, group in where.items()}
-        metrics |= {f"standing/{name}": group["feasible"].mean() for name, group in where.items()}
-        metrics |= {f"accuracy/{length}": share for length, share in zip(accuracy["length"], accuracy["accuracy"])}
-        return Figures(step, Phase.EVALUATED, self.store.count(until=step), metrics)
+        return Figures(step, Phase.EVALUATED, self.store.count(until=step), figures(regret, accuracy))

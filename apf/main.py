@@ -7,6 +7,7 @@ from typing import Any
 import hydra
 import pydantic
 from hydra.core.hydra_config import HydraConfig
+from hydra.types import RunMode
 from omegaconf import DictConfig
 
 from apf.claim import STATE, WORLD_TABLE, locked
@@ -17,6 +18,7 @@ from apf.errors import InputError
 from apf.experiment import Experiment
 from apf.files import read_yaml
 from apf.models import Ensemble, pick_device
+from apf.objective import must_be_number, optimises, returned
 from apf.planning import Evaluator
 from apf.report import print_summary, save_figures
 from apf.rundir import begin, check, finish, resumable, resumed
@@ -28,24 +30,32 @@ from apf.versions import changed
 
 @hydra.main(version_base="1.3", config_path=config_dir(), config_name="config")
 @one_line_errors
-def job(cfg: DictConfig) -> None:
-    """One run, in Hydra's output directory. A finished run of the same config returns at once."""
+def job(cfg: DictConfig) -> float | tuple[float, ...] | None:
+    """One run, in Hydra's output directory. A finished run of the same config returns at once.
+
+    Returns the run's objective, for a sweeper.
+    """
     directory = Path(HydraConfig.get().runtime.output_dir)
     check_hydra(HydraConfig.get())
     plain_config, config = plain(cfg), validate(cfg)
     set_up_cpu(config.threads)
     model = make_model(cfg, config)
+    optimised = HydraConfig.get().mode == RunMode.MULTIRUN and optimises(HydraConfig.get(), config.objective)
     if check(directory, plain_config, config.domain):
         print(f"{directory} holds this run already, finished", file=sys.stderr)
-        return
-    with locked(directory) as claim:
-        try:
-            begin(directory, plain_config, config.domain)
-            with resumable(directory):
-                run(directory, plain_config, config, model)
-        except InputError:
-            claim.abandon()
-            raise
+    else:
+        with locked(directory) as claim:
+            try:
+                begin(directory, plain_config, config.domain)
+                with resumable(directory):
+                    run(directory, plain_config, config, model)
+            except InputError:
+                claim.abandon()
+                raise
+    value = returned(directory, config.objective, config.towers)
+    if optimised:
+        must_be_number(value)
+    return value
 
 
 def run(directory: Path, plain_config: dict[str, Any], config: Config, model: Ensemble) -> None:
@@ -66,7 +76,9 @@ def run(directory: Path, plain_config: dict[str, Any], config: Config, model: En
         if isinstance(config.predictor, Learned):
             experiment.run()
         elif not store.evaluated(0):
+            tracker.plan(0, experiment.evaluator.work())
             experiment.evaluate(0, config.predictor)
+        tracker.begin(experiment.steps, "writing tables and figures")
         store.export()
         table = config.world.table(store.reports())
         if table is not None:
@@ -110,7 +122,7 @@ def make_experiment(config: Config, model: Ensemble, store: Store, tracker: Trac
         world=config.world,
         model=model,
         evaluator=Evaluator(
-            config.evaluation, config.domain, config.planner, config.task, tracker.detail, config.execution.time_limit
+            config.evaluation, config.domain, config.planner, config.task, tracker.begin, config.execution.time_limit
         ),
         store=store,
         tracker=tracker,

@@ -22,7 +22,10 @@ from apf.cli import FOLLOWER, MISTAKES, one_line
 from apf.config import check_hydra, plain, validate
 from apf.errors import InputError, Stopped
 from apf.interrupts import Interrupted
+from apf.objective import Objective, must_be_number, optimises, outcome, returned
 from apf.rundir import check, finished, hydra_arguments, quoted
+from apf.tracking import Board, ProgressFile
+from apf.tracking.progress import still
 
 PATIENCE = 20.0
 """Seconds that a run has to end after SIGTERM."""
@@ -31,7 +34,10 @@ AGAIN = "the same command again does what is missing"
 
 @dataclass
 class Job:
-    """One run of a sweep. state: empty until it is known what came of it. reason: of a failure."""
+    """One run of a sweep. state: empty until it is known what came of it. reason: of a failure.
+
+    value: of the objective, once the run has finished with as many towers.
+    """
 
     overrides: list[str]
     directory: Path
@@ -39,6 +45,9 @@ class Job:
     threads: int
     state: str = ""
     reason: str = ""
+    objective: Objective = ()
+    towers: int = 0
+    value: float | tuple[float, ...] | None = None
 
     @property
     def failed(self) -> bool:
@@ -58,13 +67,19 @@ class Sweep:
         self.console = Console(stderr=True, highlight=False, soft_wrap=True)
         self.processes: list[subprocess.Popen] = []
         self.over = False
+        self.optimised = optimises(config.hydra, config.get("objective"))
 
     def run(self, job_overrides: Sequence[Sequence[str]], first: int) -> list[JobReturn]:
-        """Do what is missing, and tell what came of it. Raises Stopped if a run did not finish."""
+        """Do what is missing, and tell what came of it. What is returned raises Stopped for a run that did not finish.
+
+        Returns what each list of overrides came to, in their order: the objective, if there is one.
+        """
         jobs: dict[Path, Job] = {}
+        asked: list[tuple[list[str], Path]] = []
         for number, overrides in enumerate(job_overrides, first):
             job = self.prepare(list(overrides), number)
             jobs.setdefault(job.directory, job)  # what differs in nothing that matters is one run
+            asked.append((job.overrides, job.directory))
         missing = [job for job in jobs.values() if not job.state]
         try:
             if missing and self.engine is None:
@@ -74,11 +89,12 @@ class Sweep:
         except KeyboardInterrupt as error:
             raise Interrupted(getattr(error, "number", 2), f"interrupted; {AGAIN}") from None
         finally:
+            self.look_up_objectives(list(jobs.values()))
             self.summarise(list(jobs.values()))
         failed = sum(job.failed for job in jobs.values())
-        if failed:
-            raise Stopped(f"{failed} of {len(jobs)} runs did not finish; {AGAIN}")
-        return []
+        stopped = Stopped(f"{failed} of {len(jobs)} runs did not finish; {AGAIN}")
+        came = [(overrides, jobs[directory]) for overrides, directory in asked]
+        return [outcome(o, job.directory, job.value, stopped if job.failed else None) for o, job in came]
 
     def prepare(self, overrides: list[str], number: int) -> Job:
         """Compose and check one job. One that has finished, or is a mistake, need not be started."""
@@ -100,7 +116,9 @@ class Sweep:
             check_hydra(config.hydra)
             job_config = OmegaConf.masked_copy(config, [str(key) for key in config if key != "hydra"])
             HydraConfig.instance().set_config(config)
-            if check(directory, plain(job_config), validate(job_config).domain):
+            checked = validate(job_config)
+            job.objective, job.towers = checked.objective, checked.towers
+            if check(directory, plain(job_config), checked.domain):
                 job.state = "already finished"
         except MISTAKES as error:
             job.state, job.reason = "failed", one_line(error)
@@ -115,17 +133,19 @@ class Sweep:
         at_once = min(at_once, len(jobs))
         threading = f"{at_once} at once, {threads} thread{'s' * (threads > 1)} each"
         self.console.print(f"{total} runs, {len(jobs)} to do: {threading}")
-        done = total - len(jobs)
+        board = Board(self.console, total, total - len(jobs), at_once)
         pool = ThreadPoolExecutor(at_once)
         try:
-            status = self.console.status("running") if self.console.is_terminal else contextlib.nullcontext()
-            with status:
-                for future in as_completed([pool.submit(self.run_process, job) for job in jobs]):
+            with board.shown():
+                for number, future in enumerate(
+                    as_completed([pool.submit(self.run_process, job, board) for job in jobs]), total - len(jobs) + 1
+                ):
                     job, seconds, crash = future.result()
-                    done += 1
                     reason = f": {job.reason}" if job.failed else ""
+                    left = f"; {still(*board.left())}" if number < total else ""
                     self.console.print(
-                        f"[{done}/{total}] {job.directory.name} {job.state}, {seconds:.0f} s{reason}", markup=False
+                        f"[{number}/{total}] {job.directory.name} {job.state}, {seconds:.0f} s{reason}{left}",
+                        markup=False,
                     )
                     if crash:
                         self.console.print(crash, markup=False)
@@ -135,17 +155,16 @@ class Sweep:
             stop(list(self.processes))
             pool.shutdown()
 
-    def run_process(self, job: Job) -> tuple[Job, float, str]:
+    def run_process(self, job: Job, board: Board) -> tuple[Job, float, str]:
         """Run a job in a process of its own. Returns it with its state, how long it took, and what a crash printed."""
-        begun = time.monotonic()
-        with started(job.command, job.threads) as process:
+        with started(job.command, job.threads, board.started(job.directory.name)) as process:
             self.processes.append(process)
             if self.over:  # it began while the others were told to end
                 stop([process])
             _, said = process.communicate()
         job.reason, crash = explain(process.returncode, said)
         job.state = "failed" if job.reason else "finished"
-        return job, time.monotonic() - begun, crash
+        return job, board.ended(job.directory.name), crash
 
     # -- elsewhere ----------------------------------------------------------------------------------------------
 
@@ -167,13 +186,26 @@ class Sweep:
 
     # -- the end ------------------------------------------------------------------------------------------------
 
+    def look_up_objectives(self, jobs: list[Job]) -> None:
+        """From the tables of the runs that have finished. Where a sweeper compares them, each must be a number."""
+        for job in jobs:
+            if job.failed:
+                continue
+            try:
+                job.value = returned(job.directory, job.objective, job.towers)
+                if self.optimised:
+                    must_be_number(job.value)
+            except (Stopped, OSError) as error:
+                job.state, job.reason = "failed", one_line(error)
+
     def summarise(self, jobs: list[Job]) -> None:
         """A line for each run."""
         self.console.print()
         for job in jobs:
             state = job.state or "not finished"
             reason = f": {job.reason}" if job.reason else ""
-            self.console.print(f"{state:<17} {job.directory.name}{reason}", markup=False)
+            value = f": {job.value}" if job.value is not None else ""
+            self.console.print(f"{state:<17} {job.directory.name}{reason or value}", markup=False)
 
 
 def run_here(cfg: DictConfig) -> str:
@@ -197,10 +229,16 @@ def run_here(cfg: DictConfig) -> str:
 
 
 @contextlib.contextmanager
-def started(arguments: list[str], threads: int) -> Iterator[subprocess.Popen]:
-    """`python -m apf.main ARGUMENTS` in a session of its own, out of reach of Ctrl-C; it ends with this process."""
+def started(arguments: list[str], threads: int, progress: Path | None = None) -> Iterator[subprocess.Popen]:
+    """`python -m apf.main ARGUMENTS` in a session of its own, out of reach of Ctrl-C; it ends with this process.
+
+    progress: the file in which it should tell how far it is.
+    """
     environment = {**os.environ, "OMP_NUM_THREADS": str(threads), FOLLOWER: "1"}
     environment.pop("HYDRA_FULL_ERROR", None)
+    environment.pop(ProgressFile.VARIABLE, None)
+    if progress:
+        environment[ProgressFile.VARIABLE] = str(progress)
     read, write = os.pipe()  # the process sees its end close when this one ends
     try:
         process = subprocess.Popen(

@@ -25,6 +25,10 @@ def _even(n: int) -> int:
     return n
 
 
+PLANNING, TESTING = "planning", "testing"
+"""Kinds of work, as trackers show them."""
+
+
 @settings
 class EvaluationSettings:
     """When and on what to evaluate. Problems and test sets depend on `seed` alone: they are the same in all runs."""
@@ -53,14 +57,22 @@ class Evaluator:
         domain: TowerDomain,
         planner: MonteCarloPlanner,
         tasks: Mapping[str, Task],
-        on_progress: Callable[[str], None] = lambda what: None,
+        on_progress: Callable[[int, str, int, int], None] = lambda step, kind, number, of: None,
         time_limit: float | None = None,
     ) -> None:
-        """time_limit: seconds that one chosen plan may take in the world."""
+        """on_progress: is told the step, the kind of work that begins, and which unit of how many.
+
+        time_limit: seconds that one chosen plan may take in the world.
+        """
         self.settings, self.domain, self.planner, self.tasks = settings, domain, planner, tasks
         self.on_progress, self.time_limit = on_progress, time_limit
         self._best_values: dict[int, dict[str, float]] = {}
         self._test_sets: dict[int, tuple[Towers, np.ndarray]] = {}
+
+    def work(self) -> dict[str, int]:
+        """The units of each kind of work of one evaluation."""
+        lengths = len(self.settings.lengths) if self.settings.test_towers else 0
+        return {PLANNING: self.settings.problems, TESTING: lengths}
 
     def regret(self, predictor: Predictor, step: int, towers: int) -> pd.DataFrame:
         """[problems x tasks x worlds rows, REGRET_COLUMNS]: the planned tower, executed once in each world.
@@ -71,7 +83,7 @@ class Evaluator:
         """
         rows = []
         for problem, candidates in self._problems():
-            self.on_progress(f"planning, problem {problem + 1} of {self.settings.problems}")
+            self.on_progress(step, PLANNING, problem + 1, self.settings.problems)
             best = self._best(problem, candidates)
             pool = self.planner.pool(candidates, predictor, stream(self.settings.seed, "predictor", step, problem))
             for number, (name, task) in enumerate(self.tasks.items()):
@@ -94,8 +106,9 @@ class Evaluator:
         of threshold touches.
         """
         rows = []
-        for length in self.settings.lengths if self.settings.test_towers else []:
-            self.on_progress(f"testing on towers of {length}")
+        lengths = self.settings.lengths if self.settings.test_towers else []
+        for number, length in enumerate(lengths, 1):
+            self.on_progress(step, TESTING, number, len(lengths))
             plans, labels = self.test_set(length)
             rng = stream(self.settings.seed, "accuracy", step, length)
             probability = predictor.feasibility(plans, rng)

@@ -1,14 +1,18 @@
 """Mirrors of a run: the terminal and Weights & Biases. The run directory is the truth; these only show it."""
 
 from apf.tracking.base import Figures, NoTracker, Phase, RunInfo, Tracker, Trackers
+from apf.tracking.board import Board
 from apf.tracking.console import ConsoleTracker, log_end
+from apf.tracking.progress import ProgressFile
 from apf.tracking.weights_and_biases import WandbTracker
 
 __all__ = [
+    "Board",
     "ConsoleTracker",
     "Figures",
     "NoTracker",
     "Phase",
+    "ProgressFile",
     "RunInfo",
     "Tracker",
     "Trackers",

@@ -51,11 +51,11 @@ class Tracker(ABC):
     def start(self, run: RunInfo) -> None:
         """The run begins, or goes on."""
 
-    def phase(self, step: int, steps: int, what: str) -> None:  # noqa: B027
-        """Now doing `what`, in step `step` of `steps`."""
+    def plan(self, steps: int, work: Mapping[str, int]) -> None:  # noqa: B027
+        """What is to come until the last of the `steps`: how many units of each kind of work."""
 
-    def detail(self, what: str) -> None:  # noqa: B027
-        """Within the phase, now doing `what`."""
+    def begin(self, step: int, kind: str, number: int = 1, of: int = 1) -> None:  # noqa: B027
+        """In this step, now unit `number` of `of` of a kind of work; the one before it is over."""
 
     @abstractmethod
     def log(self, figures: Figures) -> None:
@@ -88,15 +88,15 @@ class Trackers(Tracker):
         for tracker in self.trackers:
             tracker.start(run)
 
-    def phase(self, step: int, steps: int, what: str) -> None:
+    def plan(self, steps: int, work: Mapping[str, int]) -> None:
         """Tell each."""
         for tracker in self.trackers:
-            tracker.phase(step, steps, what)
+            tracker.plan(steps, work)
 
-    def detail(self, what: str) -> None:
+    def begin(self, step: int, kind: str, number: int = 1, of: int = 1) -> None:
         """Tell each."""
         for tracker in self.trackers:
-            tracker.detail(what)
+            tracker.begin(step, kind, number, of)
 
     def log(self, figures: Figures) -> None:
         """Tell each."""

@@ -2,14 +2,26 @@
 
 import logging
 import sys
+import time
+from collections.abc import Mapping
 
-from rich.console import Console
-from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.console import Console, RenderableType
+from rich.live import Live
+from rich.progress_bar import ProgressBar
+from rich.spinner import Spinner
+from rich.table import Table
+from rich.text import Text
 
 from apf.errors import InputError, Stopped
 from apf.tracking.base import Figures, RunInfo, Tracker
+from apf.tracking.progress import Estimate, Progress, ProgressFile, times
 
 log = logging.getLogger("apf")
+
+EVERY = 60.0
+"""Seconds between two lines that say how long it still takes, where there is no terminal."""
+BAR = 16
+"""Characters of the bar."""
 
 
 class LogFile(logging.FileHandler):
@@ -30,7 +42,13 @@ class ConsoleTracker(Tracker):
 
     def __init__(self) -> None:
         self.console = Console(stderr=True)
-        self._progress: Progress | None = None
+        self._estimate = Estimate()
+        self._told = ProgressFile()
+        self._now = ("starting", 0)
+        self._steps = 0
+        self._next = time.monotonic() + EVERY
+        self._spinner = Spinner("dots")
+        self._live: Live | None = None
         self._file: logging.Handler | None = None
 
     def start(self, run: RunInfo) -> None:
@@ -44,28 +62,39 @@ class ConsoleTracker(Tracker):
             last = run.history[-1]
             self.say(f"going on after step {last.step}, {last.towers} towers")
         if self.console.is_terminal:
-            columns = (
-                SpinnerColumn(),
-                TextColumn("step {task.completed}/{task.total}"),
-                BarColumn(),
-                TimeElapsedColumn(),
-                TextColumn("left"),
-                TimeRemainingColumn(elapsed_when_finished=False),
-                TextColumn("{task.description}"),
-            )
-            self._progress = Progress(*columns, console=self.console, transient=True)
-            self._task = self._progress.add_task("starting", total=None)
-            self._progress.start()
+            self._live = Live(get_renderable=self._line, console=self.console, transient=True, refresh_per_second=5)
+            self._live.start()
 
-    def phase(self, step: int, steps: int, what: str) -> None:
-        """Move the bar."""
-        if self._progress:
-            self._progress.update(self._task, completed=step, total=max(steps, 1), description=what)
+    def plan(self, steps: int, work: Mapping[str, int]) -> None:
+        """From this follows how long it takes."""
+        self._steps = steps
+        self._estimate.plan(work)
 
-    def detail(self, what: str) -> None:
-        """Say it beside the bar."""
-        if self._progress:
-            self._progress.update(self._task, description=what)
+    def begin(self, step: int, kind: str, number: int = 1, of: int = 1) -> None:
+        """Show it."""
+        self._estimate.begin(kind)
+        self._now = (f"{kind} {number}/{of}" if of > 1 else kind, step)
+        self._told.write(kind, self._progress)
+        if not self.console.is_terminal and time.monotonic() >= self._next:
+            self._next = time.monotonic() + EVERY
+            now = self._progress()
+            self.say(f"{now.where}: {times(now.gone, now.left, now.whole)}")
+
+    def _progress(self) -> Progress:
+        what, step = self._now
+        left, whole = self._estimate.left()
+        return Progress(what, step, self._steps, self._estimate.gone, left, whole, time.time())
+
+    def _line(self) -> RenderableType:
+        """What is done, how much of all there is, how long it took and still takes."""
+        now = self._progress()
+        known = now.left > 0 or now.whole
+        bar = ProgressBar(now.gone + now.left, now.gone, width=BAR, pulse=not known)
+        row = Table.grid(padding=(0, 1))
+        for _ in range(4):
+            row.add_column(no_wrap=True)
+        row.add_row(self._spinner, Text(now.where), bar, Text(times(now.gone, now.left, now.whole)))
+        return row
 
     def log(self, figures: Figures) -> None:
         """One line for each topic: the part of a number's name before the slash."""
@@ -78,9 +107,9 @@ class ConsoleTracker(Tracker):
 
     def finish(self, failed: bool) -> None:
         """Take the bar away."""
-        if self._progress:
-            self._progress.stop()
-            self._progress = None
+        if self._live:
+            self._live.stop()
+            self._live = None
         if self._file:
             log.removeHandler(self._file)
             self._file.close()
@@ -89,7 +118,7 @@ class ConsoleTracker(Tracker):
     def say(self, line: str) -> None:
         """One line on the terminal and in run.log."""
         log.info(line)
-        if self._progress:
-            self._progress.console.print(line, highlight=False)
+        if self._live:
+            self._live.console.print(line, markup=False, highlight=False, soft_wrap=True)
         else:
             print(line, file=sys.stderr, flush=True)

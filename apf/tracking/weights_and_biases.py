@@ -3,15 +3,38 @@
 import os
 import shutil
 import sys
+from collections.abc import Mapping
 from dataclasses import field
+from pathlib import Path
 from typing import Any, Literal
 
-from apf.errors import InputError
+from pydantic import PositiveFloat
+
 from apf.settings import settings
 from apf.tracking.base import Figures, Phase, RunInfo, Tracker
 
-TIMEOUT = 30
-"""Seconds to wait for W&B's servers when a run opens."""
+Mode = Literal["offline", "online"]
+MODES: dict[str, Mode | None] = {
+    **dict.fromkeys(("online", "run"), "online"),
+    **dict.fromkeys(("offline", "dryrun"), "offline"),
+    "disabled": None,
+}
+"""What W&B's variable WANDB_MODE may say, older names included, and what that means here; None: no mirror."""
+FAILURES = (Exception, SystemExit)
+"""All that a library may raise, but for what a person or the system ends the run with."""
+
+
+def mode_here(chosen: Mode, environment: Mapping[str, str]) -> Mode | None:
+    """The mode that W&B has in this environment, which knows better than the config what this machine can do.
+
+    Returns None where WANDB_MODE or WANDB_DISABLED switches W&B off. Raises ValueError if WANDB_MODE is no mode.
+    """
+    if environment.get("WANDB_DISABLED", "").lower() not in ("", "0", "false", "no", "off"):
+        return None
+    named = environment.get("WANDB_MODE", "").lower() or chosen
+    if named not in MODES:
+        raise ValueError(f"WANDB_MODE is {named!r}; it should be online, offline or disabled")
+    return MODES[named]
 
 
 @settings
@@ -20,66 +43,82 @@ class WandbTracker(Tracker):
 
     A run that goes on is told its whole history again, each phase of a step under a number of its own: W&B takes what
     it has not, so that one run holds it all. Offline, files of earlier starts then hold nothing more, and are removed.
+
+    W&B's environment variables win over the config and over what is set here, but for those that say which run it is.
     """
 
-    project: str
-    mode: Literal["offline", "online"]
+    project: str | None
+    mode: Mode
+    timeout: PositiveFloat
+    """Seconds that a run waits for W&B's servers: when it starts, and for the last figures when it ends."""
     entity: str | None = None
     _open: list[Any] = field(default_factory=list, init=False, repr=False)
     """The run, while there is one."""
 
     def start(self, run: RunInfo) -> None:
-        """Open the run; its files lie in the run directory. Raises InputError if W&B wants a login first."""
-        if self.mode == "offline":  # else W&B sends reports of its own errors
-            os.environ.setdefault("WANDB_ERROR_REPORTING", "false")
-            for folder in (run.directory / "wandb").glob(f"offline-run-*-{run.id}"):
+        """Open the run; its files lie in the run directory, or in WANDB_DIR."""
+        try:
+            mode = mode_here(self.mode, os.environ)
+            if self.mode == "online" != mode:
+                print(f"tracker.mode is online, but W&B is {mode or 'disabled'} in this environment", file=sys.stderr)
+            if mode is not None:
+                self._open.append(self._opened(run, mode))
+        except FAILURES as error:
+            self._go_on_without(error)
+        for figures in run.history if self._open else ():
+            self.log(figures)
+
+    def _opened(self, run: RunInfo, mode: Mode) -> Any:
+        """W&B's run. Raises whatever W&B raises, on its import too."""
+        directory = Path(os.environ.get("WANDB_DIR") or run.directory)
+        if mode == "offline":
+            for folder in (directory / "wandb").glob(f"offline-run-*-{run.id}"):
                 shutil.rmtree(folder, ignore_errors=True)
+        directory.mkdir(parents=True, exist_ok=True)  # W&B would take a temporary one
+        os.environ.setdefault("WANDB_ERROR_REPORTING", "false")  # no reports of W&B's own errors
+        os.environ.setdefault("WANDB_SILENT", "true")  # nothing printed, and no question of who is there
         import wandb
 
-        try:
-            opened = wandb.init(
-                project=self.project,
-                entity=self.entity,
-                mode=self.mode,
-                name=run.name,
-                id=run.id,
-                resume="allow" if self.mode == "online" else None,
-                group=run.group,
-                dir=run.directory,
-                config=run.config,
-                settings=wandb.Settings(silent=True, console="off", init_timeout=TIMEOUT),
-            )
-            opened.define_metric("towers")
-            opened.define_metric("*", step_metric="towers")
-        except (wandb.errors.UsageError, wandb.errors.AuthenticationError) as error:
-            raise InputError(f"tracker.mode={self.mode}: {str(error).splitlines()[0]}") from None
-        except Exception as error:
-            self._go_on_without(error)
-            return
-        self._open.append(opened)
-        for figures in run.history:
-            self.log(figures)
+        seconds = self.timeout
+        own = {"console": "off", "init_timeout": seconds, "login_timeout": seconds, "finish_timeout": seconds}
+        own = {name: value for name, value in own.items() if f"WANDB_{name.upper()}" not in os.environ}
+        opened = wandb.init(
+            project=self.project,
+            entity=self.entity,
+            mode=mode,
+            name=run.name,
+            id=run.id,
+            resume="allow" if mode == "online" else None,
+            group=run.group,
+            dir=directory,
+            config=run.config,
+            reinit="create_new",  # whatever became of the run of another job of this process
+            settings=wandb.Settings(**own, finish_timeout_raises=True),
+        )
+        opened.define_metric("towers")
+        opened.define_metric("*", step_metric="towers")
+        return opened
 
     def log(self, figures: Figures) -> None:
         """Curves over the number of labelled towers."""
         numbers = {name: float(value) for name, value in figures.metrics.items()}
         row = {"towers": figures.towers, "step": figures.step, **numbers}
-        for run in self._open:
+        for run in tuple(self._open):
             try:
                 run.log(row, step=figures.step * len(Phase) + figures.phase)
-            except Exception as error:
+            except FAILURES as error:
                 self._go_on_without(error)
 
     def finish(self, failed: bool) -> None:
         """Close the run, so that the next job of this process opens its own."""
-        for run in self._open:
+        for run in tuple(self._open):
             try:
                 run.finish(exit_code=int(failed))
-            except Exception as error:
+            except FAILURES as error:
                 self._go_on_without(error)
         self._open.clear()
 
-    def _go_on_without(self, error: Exception) -> None:
+    def _go_on_without(self, error: BaseException) -> None:
         self._open.clear()
-        reason = next(iter(str(error).splitlines()), type(error).__name__)
+        reason = next(iter(str(error).splitlines()), "") or type(error).__name__
         print(f"W&B does not work, going on without it: {reason}", file=sys.stderr, flush=True)

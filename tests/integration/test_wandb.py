@@ -1,13 +1,19 @@
 """W&B is a mirror: offline by default, one run per job, finished each time, whatever happens."""
 
+import json
+import os
 import socket
+import sys
 import threading
+import time
 import urllib.request
 from collections.abc import Iterator
 from contextlib import suppress
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from itertools import product
 from pathlib import Path
-from typing import Any
+from types import ModuleType
+from typing import Any, ClassVar
 
 import pandas as pd
 import pytest
@@ -17,14 +23,15 @@ import yaml
 
 from apf.experiment import Experiment
 from apf.store import Store
+from apf.tracking.weights_and_biases import mode_here
 from integration.command_line import TINY, call, spawn
 
 
 @pytest.fixture(autouse=True)
 def clean(monkeypatch: pytest.MonkeyPatch, tmp_path_factory: pytest.TempPathFactory) -> None:
     """No settings or logins of whoever runs the tests."""
-    for name in ("WANDB_MODE", "WANDB_API_KEY", "WANDB_PROJECT", "WANDB_DIR", "WANDB_DISABLED"):
-        monkeypatch.delenv(name, raising=False)
+    for name in [name for name in os.environ if name.startswith("WANDB_")]:
+        monkeypatch.delenv(name)
     home = tmp_path_factory.mktemp("home")
     for name in ("HOME", "WANDB_CONFIG_DIR", "WANDB_CACHE_DIR", "WANDB_DATA_DIR"):
         monkeypatch.setenv(name, str(home))
@@ -202,21 +209,6 @@ def test_none_is_silent(here: Path, fakes: list[FakeRun]) -> None:
     assert not list(here.rglob("wandb"))
 
 
-def test_online_without_an_account_is_one_line(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """W&B refuses to start: say what to do, without a traceback."""
-
-    def refusing(**settings: Any) -> None:
-        raise wandb.errors.UsageError("No API key configured. Use `wandb login` to log in.")
-
-    monkeypatch.setattr(wandb, "init", refusing)
-    result = call(*TINY, "tracker=wandb", "tracker.mode=online", "hydra.run.dir=run")
-    assert result.code != 0
-    assert "Traceback" not in result.err
-    last = result.err.strip().splitlines()[-1]
-    assert last.startswith("error: ")
-    assert "wandb login" in last
-
-
 def interrupt_after(labels: int, monkeypatch: pytest.MonkeyPatch) -> None:
     record, count = Store.record, iter(range(1, 1000))
 
@@ -292,11 +284,211 @@ def test_failing_in_the_middle_costs_the_mirror_only(
     assert len(fakes[0].logged) == 2
 
 
-@pytest.mark.usefixtures("no_figures")
-def test_unreachable_costs_the_mirror_only(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def unreachable(**settings: Any) -> None:
-        raise wandb.errors.CommError("Run initialization has timed out")
+def goes_on_without(*arguments: str) -> str:
+    """What the one line of a run says that goes on without W&B; the run must finish."""
+    result = call(*TINY, "tracker=wandb", *arguments, "hydra.run.dir=run").must_work()
+    (line,) = [line for line in result.err.splitlines() if line.startswith("W&B")]
+    assert "Traceback" not in result.err
+    assert yaml.safe_load(Path("run", "run.yaml").read_text())["finished"]
+    return line.removeprefix("W&B does not work, going on without it: ")
 
-    monkeypatch.setattr(wandb, "init", unreachable)
+
+@pytest.mark.usefixtures("no_figures")
+@pytest.mark.parametrize(
+    "error",
+    [
+        wandb.errors.CommError("Run initialization has timed out"),
+        wandb.errors.UsageError("api_key not configured (no-tty)\ncall wandb.login()"),
+        wandb.errors.AuthenticationError("The API key is invalid"),
+        OSError("the disk is gone"),
+        SystemExit("the service left"),
+    ],
+    ids=lambda error: type(error).__name__,
+)
+def test_failing_at_the_start_costs_the_mirror_only(
+    here: Path, monkeypatch: pytest.MonkeyPatch, error: BaseException
+) -> None:
+    def failing(**settings: Any) -> None:
+        raise error
+
+    monkeypatch.setattr(wandb, "init", failing)
+    assert goes_on_without("tracker.mode=online") == str(error).splitlines()[0]
+
+
+@pytest.mark.usefixtures("no_figures")
+def test_online_without_a_login(here: Path) -> None:
+    """With the real library, at the start of a run."""
+    assert "No API key configured" in goes_on_without("tracker.mode=online")
+
+
+@pytest.mark.usefixtures("no_figures")
+def test_a_resume_without_a_login(here: Path, fakes: list[FakeRun], monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first start was fine; labels exist."""
+
+    def failing(**settings: Any) -> None:
+        raise wandb.errors.UsageError("No API key configured")
+
+    with monkeypatch.context() as patch:
+        interrupt_after(10, patch)
+        assert call(*TINY, "tracker=wandb", "tracker.mode=online", "hydra.run.dir=run").code == 130
+    monkeypatch.setattr(wandb, "init", failing)
+    result = call("resume=run").must_work()
+    assert result.err.count("W&B does not work, going on without it: No API key configured") == 1
+    assert len(pd.read_parquet("run/towers.parquet")["tower"].unique()) == 12
+
+
+@pytest.mark.usefixtures("no_figures")
+@pytest.mark.parametrize("module", [None, ModuleType("wandb")], ids=["missing", "broken"])
+def test_without_the_library(here: Path, monkeypatch: pytest.MonkeyPatch, module: ModuleType | None) -> None:
+    """wandb is not there, or what is imported by that name is a folder that an earlier run left."""
+    monkeypatch.setitem(sys.modules, "wandb", module)  # type: ignore[arg-type]
+    assert "wandb" in goes_on_without()
+
+
+@pytest.mark.usefixtures("no_figures")
+@pytest.mark.parametrize("module", [None, ModuleType("wandb")], ids=["missing", "broken"])
+def test_a_resume_without_the_library(here: Path, monkeypatch: pytest.MonkeyPatch, module: ModuleType | None) -> None:
+    with monkeypatch.context() as patch:
+        interrupt_after(10, patch)
+        assert call(*TINY, "tracker=wandb", "tracker.mode=offline", "hydra.run.dir=run").code == 130
+    monkeypatch.setitem(sys.modules, "wandb", module)  # type: ignore[arg-type]
+    assert call("resume=run").must_work().err.count("W&B does not work, going on without it: ") == 1
+
+
+class Server(ThreadingHTTPServer):
+    """As much of W&B's server as a run needs to open; then it may fail, or never answer again."""
+
+    daemon_threads = True
+    bucket: ClassVar = {
+        **dict.fromkeys(("id", "name", "displayName"), "x"),
+        "project": {"id": "1", "name": "apf", "entity": {"id": "1", "name": "us"}},
+    }
+
+    def __init__(self, how: str) -> None:
+        self.how, self.opened = how, False
+        super().__init__(("127.0.0.1", 0), Answer)
+
+
+class Answer(BaseHTTPRequestHandler):
+    """One request."""
+
+    server: Server
+    protocol_version = "HTTP/1.1"
+
+    def do_POST(self) -> None:
+        said = self.rfile.read(int(self.headers.get("Content-Length", 0))).decode(errors="replace")
+        works = self.server.how.startswith("later") and not self.server.opened
+        if not works and self.server.how.endswith("silent"):
+            time.sleep(60)
+        self.server.opened |= "upsertBucket" in said
+        answer = {"upsertBucket": {"bucket": self.server.bucket, "inserted": True}} if "upsertBucket" in said else {}
+        body = json.dumps({"data": {"viewer": {"id": "1", "entity": "us"}, "model": None, **answer}}).encode()
+        self.send_response(200 if works else 500)
+        self.send_header("Content-Length", str(len(body)))
+        self.end_headers()
+        self.wfile.write(body)
+
+    do_GET = do_PUT = do_POST
+
+    def log_message(self, *arguments: Any) -> None:
+        """Say nothing."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("how", ["failing", "silent", "later failing", "later silent"])
+def test_a_server_that_fails_or_never_answers(tmp_path: Path, how: str) -> None:
+    """With the real library: an error from the beginning, no answer at all, and both after the run has opened."""
+    with Server(how) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        overrides = [*TINY, "tracker=wandb", "tracker.mode=online", "tracker.timeout=2", "hydra.run.dir=run"]
+        begun = time.monotonic()
+        result = spawn(
+            ["-m", "apf.main", *overrides],
+            cwd=tmp_path,
+            WANDB_BASE_URL=f"http://127.0.0.1:{server.server_port}",
+            WANDB_API_KEY="a" * 40,
+        ).must_work()
+        server.shutdown()
+    assert time.monotonic() - begun < 50
+    assert server.opened is how.startswith("later")
+    assert result.err.count("W&B does not work, going on without it: ") == 1, result.err
+    assert "Traceback" not in result.err
+    assert yaml.safe_load((tmp_path / "run" / "run.yaml").read_text())["finished"]
+
+
+@pytest.mark.parametrize(
+    ("chosen", "environment", "mode"),
+    [
+        ("offline", {}, "offline"),
+        ("online", {}, "online"),
+        ("online", {"WANDB_MODE": ""}, "online"),
+        ("online", {"WANDB_MODE": "offline"}, "offline"),
+        ("online", {"WANDB_MODE": "dryrun"}, "offline"),
+        ("offline", {"WANDB_MODE": "online"}, "online"),
+        ("offline", {"WANDB_MODE": "run"}, "online"),
+        ("online", {"WANDB_MODE": "disabled"}, None),
+        ("online", {"WANDB_DISABLED": "true"}, None),
+        ("online", {"WANDB_DISABLED": "1", "WANDB_MODE": "online"}, None),
+        ("online", {"WANDB_DISABLED": "false"}, "online"),
+    ],
+)
+def test_the_mode_of_the_environment_wins(chosen: Any, environment: dict[str, str], mode: str | None) -> None:
+    assert mode_here(chosen, environment) == mode
+
+
+@pytest.mark.usefixtures("no_figures")
+def test_environment_variables(here: Path, fakes: list[FakeRun], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Those of W&B hold, but a run remains itself."""
+    variables = {
+        "MODE": "offline",
+        "DIR": str(here / "elsewhere"),
+        "PROJECT": "theirs",
+        "ENTITY": "them",
+        "CONSOLE": "redirect",
+        "RUN_ID": "always-the-same",
+    }
+    for name, value in variables.items():
+        monkeypatch.setenv(f"WANDB_{name}", value)
     result = call(*TINY, "tracker=wandb", "tracker.mode=online", "hydra.run.dir=run").must_work()
-    assert result.err.count("going on without it: Run initialization has timed out") == 1
+    assert "tracker.mode is online, but W&B is offline in this environment" in result.err
+    call(*TINY, "tracker=wandb", "tracker.project=mine", "seed=1", "hydra.run.dir=other").must_work()
+    (first, second) = fakes
+    assert first.settings["mode"] == "offline"
+    assert Path(first.settings["dir"]) == here / "elsewhere"
+    assert (first.settings["project"], first.settings["entity"]) == ("theirs", "them")
+    assert second.settings["project"] == "mine", "what the command says wins over the environment"
+    assert first.settings["settings"].console == wandb.Settings().console, "WANDB_CONSOLE is left to W&B"
+    assert first.settings["settings"].init_timeout == 30
+    assert {run.settings["id"] for run in fakes} == {
+        yaml.safe_load((here / name / "run.yaml").read_text())["id"] for name in ("run", "other")
+    }
+
+
+@pytest.mark.usefixtures("no_figures")
+@pytest.mark.parametrize("variable", ["WANDB_MODE=disabled", "WANDB_DISABLED=true"])
+def test_switched_off_by_the_environment(
+    here: Path, fakes: list[FakeRun], monkeypatch: pytest.MonkeyPatch, variable: str
+) -> None:
+    monkeypatch.setenv(*variable.split("="))
+    result = call(*TINY, "tracker=wandb", "hydra.run.dir=run").must_work()
+    assert fakes == []
+    assert "W&B" not in result.err
+
+
+@pytest.mark.usefixtures("no_figures")
+def test_a_mode_that_does_not_exist(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("WANDB_MODE", "onlin")
+    assert goes_on_without() == "WANDB_MODE is 'onlin'; it should be online, offline or disabled"
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("no_figures")
+def test_wandb_dir_offline(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With the real library, which also replaces the files of an earlier start there."""
+    monkeypatch.setenv("WANDB_DIR", "elsewhere")
+    with monkeypatch.context() as patch:
+        interrupt_after(10, patch)
+        assert call(*TINY, "tracker=wandb", "hydra.run.dir=run").code == 130
+    call("resume=run").must_work()
+    assert len(list((here / "elsewhere" / "wandb").glob("offline-run-*"))) == 1
+    assert not (here / "run" / "wandb").exists()

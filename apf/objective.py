@@ -1,0 +1,118 @@
+"""What a run returns to a sweeper that optimises: figures of its last evaluation, by the names that trackers show."""
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any
+
+import pandas as pd
+from hydra.core.utils import JobReturn, JobStatus
+from pydantic import BeforeValidator
+
+from apf.errors import InputError, Stopped
+from apf.planning import EvaluationSettings
+
+OPTIMISERS = ("optuna", "ax", "nevergrad")
+"""Hydra's sweepers that ask what a run returns."""
+
+
+def _listed(value: Any) -> Any:
+    names = [] if value is None else [value] if isinstance(value, str) else value
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        raise ValueError(f"it should be the name of a figure, a list of names, or null, not {value!r}")
+    return tuple(names)
+
+
+Objective = Annotated[tuple[str, ...], BeforeValidator(_listed)]
+"""The names of the figures that a run returns: none, one, or several for a sweeper that weighs them."""
+
+
+def figures(regret: pd.DataFrame, accuracy: pd.DataFrame) -> dict[str, float]:
+    """The figures of one evaluation: median regret and share of towers standing for each world and task, accuracy.
+
+    regret, accuracy: its rows of the tables of these names.
+    """
+    by = regret.sort_values("world", kind="stable").groupby(["world", "task"], sort=False)
+    where = {"/".join(map(str, names)): group for names, group in by}
+    found = {f"regret/{name}": float(group["regret"].median()) for name, group in where.items()}
+    found |= {f"standing/{name}": float(group["feasible"].mean()) for name, group in where.items()}
+    return found | {f"accuracy/{n}": float(share) for n, share in zip(accuracy["length"], accuracy["accuracy"])}
+
+
+def names_of(evaluation: EvaluationSettings, tasks: Iterable[str]) -> list[str]:
+    """The names that `figures` has for evaluations of these settings."""
+    where = [f"{world}/{task}" for world in sorted(evaluation.worlds) for task in tasks] if evaluation.problems else []
+    lengths = evaluation.lengths if evaluation.test_towers else []
+    kinds = [f"{kind}/{name}" for kind in ("regret", "standing") for name in where]
+    return kinds + [f"accuracy/{length}" for length in lengths]
+
+
+def check_objective(objective: Objective, evaluation: EvaluationSettings, tasks: Iterable[str]) -> None:
+    """Raises InputError if no evaluation of these settings has such a figure."""
+    known = names_of(evaluation, tasks)
+    for name in objective:
+        if name not in known:
+            raise InputError(f"objective: there is no figure {name!r}; there are: {', '.join(known) or 'none'}")
+
+
+def optimises(hydra: Any, objective: object) -> bool:
+    """Does the sweeper of Hydra's config ask what a run returns?
+
+    Raises InputError if it does, and no objective is chosen.
+    """
+    sweeper = hydra.runtime.choices["hydra/sweeper"]
+    asks = sweeper in OPTIMISERS
+    if asks and not objective:
+        raise InputError(f"objective is null; hydra/sweeper={sweeper} needs one, e.g. objective=regret/noisy/tallest")
+    return asks
+
+
+def returned(directory: Path, objective: Objective, towers: int) -> float | tuple[float, ...] | None:
+    """The objective of the finished run in the directory; None, a number, or one for each of several names.
+
+    It is that of the last evaluation at no more than `towers` labelled towers: the run may have gone on since. NaN
+    stands for a figure that this run does not have: regret, where no candidate of any problem stands.
+    """
+    if not objective:
+        return None
+    regret, accuracy = (pd.read_parquet(directory / f"{name}.parquet") for name in ("regret", "accuracy"))
+    steps = [table["step"][table["towers"] <= towers] for table in (regret, accuracy)]
+    last = pd.concat(steps).max()
+    found = figures(regret[regret["step"] == last], accuracy[accuracy["step"] == last])
+    values = tuple(found.get(name, math.nan) for name in objective)
+    return values[0] if len(values) == 1 else values
+
+
+def must_be_number(value: float | tuple[float, ...] | None) -> None:
+    """Raises Stopped for what no sweeper can compare."""
+    values = value if isinstance(value, tuple) else (value,)
+    if any(number is None or not math.isfinite(number) for number in values):
+        raise Stopped(f"its objective is {value}: no candidate of the problems stands")
+
+
+@dataclass
+class Failed(JobReturn):
+    """A run that did not finish: its value, when a sweeper asks for it, is this error, and nothing more is printed."""
+
+    error: Exception = field(default_factory=Exception)
+
+    @property
+    def return_value(self) -> Any:
+        """Raises the error."""
+        raise self.error
+
+    @return_value.setter
+    def return_value(self, value: Any) -> None:
+        raise AttributeError("a run that did not finish returns nothing")
+
+
+def outcome(
+    overrides: list[str], directory: Path, value: float | tuple[float, ...] | None, error: Exception | None
+) -> JobReturn:
+    """What a sweeper is told of a run: its value, or the error that it ended with."""
+    if error is not None:
+        return Failed(overrides, working_dir=str(directory), status=JobStatus.FAILED, error=error)
+    done = JobReturn(overrides, working_dir=str(directory), status=JobStatus.COMPLETED)
+    done.return_value = value
+    return done
