@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import pandas as pd
 from pydantic import NonNegativeInt, PositiveFloat, PositiveInt
 
 from apf.acquisition import Sampler
@@ -151,14 +152,16 @@ class Experiment:
 
     def history(self) -> list[Figures]:
         """All figures that the store can tell of what was done, in the order in which they came."""
+        evaluations = evaluation_metrics(self.store.regret(), self.store.accuracy())
         figures = []
         for step in range(self.steps + 1):
             if self.store.planned(step) and not self.store.pending(step):
                 figures.append(self.execution_figures(step))
+            towers = self.store.count(until=step)
             if losses := self.store.training(step):
-                figures.append(Figures(step, Phase.LEARNED, self.store.count(until=step), losses))
+                figures.append(Figures(step, Phase.LEARNED, towers, losses))
             if self.store.evaluated(step):
-                figures.append(self.evaluation_figures(step))
+                figures.append(Figures(step, Phase.EVALUATED, towers, evaluations.get(step, {})))
         return figures
 
     def execution_figures(self, step: int) -> Figures:
@@ -173,11 +176,21 @@ class Experiment:
         return Figures(step, Phase.EXECUTED, self.store.count(until=step), metrics)
 
     def evaluation_figures(self, step: int) -> Figures:
-        """Median regret and towers standing for each world and task, accuracy for each length."""
-        regret, accuracy = (table[table["step"] == step] for table in (self.store.regret(), self.store.accuracy()))
-        by = regret.sort_values("world", kind="stable").groupby(["world", "task"], sort=False)
-        where = {"/".join(map(str, names)): group for names, group in by}
-        metrics = {f"regret/{name}": group["regret"].median() for name, group in where.items()}
-        metrics |= {f"standing/{name}": group["feasible"].mean() for name, group in where.items()}
-        metrics |= {f"accuracy/{length}": share for length, share in zip(accuracy["length"], accuracy["accuracy"])}
-        return Figures(step, Phase.EVALUATED, self.store.count(until=step), metrics)
+        """What `evaluation_metrics` says of one step."""
+        metrics = evaluation_metrics(self.store.regret(step), self.store.accuracy(step))
+        return Figures(step, Phase.EVALUATED, self.store.count(until=step), metrics.get(step, {}))
+
+
+def evaluation_metrics(regret: pd.DataFrame, accuracy: pd.DataFrame) -> dict[int, dict[str, float]]:
+    """By step: median regret and towers standing for each world and task, accuracy for each length.
+
+    regret, accuracy: the evaluations of one or more steps, as the store gives them.
+    """
+    metrics: dict[int, dict[str, float]] = {}
+    by = regret.sort_values(["step", "world"], kind="stable").groupby(["step", "world", "task"], sort=False)
+    for name, figures in (("regret", by["regret"].median()), ("standing", by["feasible"].mean())):
+        for (step, world, task), figure in zip(figures.index.tolist(), figures, strict=True):
+            metrics.setdefault(step, {})[f"{name}/{world}/{task}"] = figure
+    for step, length, share in zip(accuracy["step"], accuracy["length"], accuracy["accuracy"], strict=True):
+        metrics.setdefault(step, {})[f"accuracy/{length}"] = share
+    return metrics
