@@ -173,14 +173,16 @@ class Experiment:
 
     def history(self) -> list[Figures]:
         """All figures that the store can tell of what was done, in the order in which they came."""
+        evaluations = figures(self.store.regret(), self.store.accuracy())
         history = []
         for step in range(self.steps + 1):
             if self.store.planned(step) and not self.store.pending(step):
                 history.append(self.execution_figures(step))
+            towers = self.store.count(until=step)
             if losses := self.store.training(step):
-                history.append(Figures(step, Phase.LEARNED, self.store.count(until=step), losses))
+                history.append(Figures(step, Phase.LEARNED, towers, losses))
             if self.store.evaluated(step):
-                history.append(self.evaluation_figures(step))
+                history.append(Figures(step, Phase.EVALUATED, towers, evaluations.get(step, {})))
         return history
 
     def execution_figures(self, step: int) -> Figures:
@@ -196,5 +198,5 @@ class Experiment:
 
     def evaluation_figures(self, step: int) -> Figures:
         """Median regret and towers standing for each world and task, accuracy for each length."""
-        regret, accuracy = (table[table["step"] == step] for table in (self.store.regret(), self.store.accuracy()))
-        return Figures(step, Phase.EVALUATED, self.store.count(until=step), figures(regret, accuracy))
+        metrics = figures(self.store.regret(step), self.store.accuracy(step))
+        return Figures(step, Phase.EVALUATED, self.store.count(until=step), metrics.get(step, {}))

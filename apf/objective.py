@@ -28,16 +28,20 @@ Objective = Annotated[tuple[str, ...], BeforeValidator(_listed)]
 """The names of the figures that a run returns: none, one, or several for a sweeper that weighs them."""
 
 
-def figures(regret: pd.DataFrame, accuracy: pd.DataFrame) -> dict[str, float]:
-    """The figures of one evaluation: median regret and share of towers standing for each world and task, accuracy.
+def figures(regret: pd.DataFrame, accuracy: pd.DataFrame) -> dict[int, dict[str, float]]:
+    """By step: median regret and share of towers standing for each world and task, accuracy for each length.
 
-    regret, accuracy: its rows of the tables of these names.
+    regret, accuracy: rows of the tables of these names, of one or more evaluations.
     """
-    by = regret.sort_values("world", kind="stable").groupby(["world", "task"], sort=False)
-    where = {"/".join(map(str, names)): group for names, group in by}
-    found = {f"regret/{name}": float(group["regret"].median()) for name, group in where.items()}
-    found |= {f"standing/{name}": float(group["feasible"].mean()) for name, group in where.items()}
-    return found | {f"accuracy/{n}": float(share) for n, share in zip(accuracy["length"], accuracy["accuracy"])}
+    found: dict[int, dict[str, float]] = {}
+    by = regret.sort_values(["step", "world"], kind="stable").groupby(["step", "world", "task"], sort=False)
+    for name, values in (("regret", by["regret"].median()), ("standing", by["feasible"].mean())):
+        for (step, world, task), value in zip(values.index.tolist(), values.tolist(), strict=True):
+            found.setdefault(step, {})[f"{name}/{world}/{task}"] = value
+    rows = (accuracy[column].tolist() for column in ("step", "length", "accuracy"))
+    for step, length, share in zip(*rows, strict=True):
+        found.setdefault(step, {})[f"accuracy/{length}"] = share
+    return found
 
 
 def names_of(evaluation: EvaluationSettings, tasks: Iterable[str]) -> list[str]:
@@ -79,7 +83,7 @@ def returned(directory: Path, objective: Objective, towers: int) -> float | tupl
     regret, accuracy = (pd.read_parquet(directory / f"{name}.parquet") for name in ("regret", "accuracy"))
     steps = [table["step"][table["towers"] <= towers] for table in (regret, accuracy)]
     last = pd.concat(steps).max()
-    found = figures(regret[regret["step"] == last], accuracy[accuracy["step"] == last])
+    found = figures(regret[regret["step"] == last], accuracy[accuracy["step"] == last]).get(last, {})
     values = tuple(found.get(name, math.nan) for name in objective)
     return values[0] if len(values) == 1 else values
 

@@ -4,11 +4,13 @@ config.yaml       the resolved config
 run.yaml          name, choices, versions, state, wall time
 journal.jsonl     every plan proposed, every label, correction, training and evaluation, in the order they came
 weights/          step_0010.safetensors: the ensemble at each evaluated step
-towers.parquet, regret.parquet, accuracy.parquet    the journal as tables
+towers.parquet, regret.parquet, accuracy.parquet    the journal as tables, when it has grown by a tenth, and at the end
 """
 
+from bisect import bisect_right, insort
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +18,7 @@ import numpy as np
 import pandas as pd
 
 from apf.acquisition import Scored
-from apf.data import Labelled
+from apf.data import UNOBSERVED, Labelled
 from apf.errors import InputError
 from apf.files import checksum, make_folder, read_yaml, remove_unfinished, replacing
 from apf.journal import HEADER, End, Journal, Record
@@ -34,6 +36,10 @@ DTYPES = {
     **dict.fromkeys(("value", "best_value", "regret", "accuracy", "auc"), "float64"),
     "feasible": "bool",
 }
+
+GROWTH = 1.1
+"""Tables are written at an evaluation if so many times as many towers are labelled as when they last were: over a run
+the rows that are written then stay in proportion to those of its last tables."""
 
 
 @dataclass
@@ -62,6 +68,15 @@ class Tower:
         return "; ".join(notes) or None
 
 
+@dataclass
+class Batch:
+    """All labelled plans of one length, oldest first: what is known of each [N], the plans, their labels [N, K]."""
+
+    plans: Any
+    labels: np.ndarray
+    towers: list[Tower] = field(default_factory=list)
+
+
 class Store:
     """Reads and writes one run directory. A label is on disk before `record` returns."""
 
@@ -77,6 +92,17 @@ class Store:
             remove_unfinished(folder)
         self.corrections = 0
         self._towers: list[Tower] = []
+        self._steps: dict[int, list[Tower]] = {}
+        self._labelled: list[Tower] = []
+        """By their numbers."""
+        self._labelled_steps: list[int] = []
+        """The step of each labelled plan, in ascending order."""
+        self._reported: Tower | None = None
+        """The last plan that the world told anything of."""
+        self._batches: dict[int, Batch] = {}
+        """By length, of the first plans of `_labelled`."""
+        self._exported = 0
+        """Labelled plans when the tables were last written."""
         self._trainings: dict[int, dict[str, float]] = {}
         self._evaluations: dict[int, Record] = {}
         for number, record in enumerate(self.journal.records, HEADER + 1):
@@ -102,11 +128,11 @@ class Store:
         match record["kind"]:
             case "plans":
                 first = len(self._towers)
-                for number, plan in enumerate(record["plans"], first):
-                    self._towers.append(Tower(number, record["step"], **plan))
+                towers = [Tower(number, record["step"], **plan) for number, plan in enumerate(record["plans"], first)]
+                self._towers += towers
+                self._steps.setdefault(record["step"], []).extend(towers)
             case "label":
-                self._towers[record["tower"]].labels = record["labels"]
-                self._towers[record["tower"]].report = record.get("report")
+                self._label(self._towers[record["tower"]], record["labels"], record.get("report"))
             case "correction":
                 self._correct(self._towers[record["tower"]], record["labels"])
             case "training":
@@ -114,10 +140,20 @@ class Store:
             case "evaluation":
                 self._evaluations[record["step"]] = record
 
+    def _label(self, tower: Tower, labels: str, report: dict[str, Any] | None) -> None:
+        tower.labels, tower.report = labels, report
+        if self._labelled and self._labelled[-1].number > tower.number:
+            self._batches.clear()
+        insort(self._labelled, tower, key=attrgetter("number"))
+        insort(self._labelled_steps, tower.step)
+        if report is not None and (self._reported is None or self._reported.number < tower.number):
+            self._reported = tower
+
     def _correct(self, tower: Tower, labels: str) -> None:
         """What was learned from the old labels is forgotten; plans that were chosen by it are marked."""
         self.corrections += 1
         tower.labels, tower.corrected = labels, True
+        self._batches.clear()
         for other in self._towers:
             other.outdated |= other.step > tower.step and other.score is not None
         for learned in (self._trainings, self._evaluations):
@@ -128,7 +164,7 @@ class Store:
 
     def planned(self, step: int) -> bool:
         """Have the plans of this step been chosen?"""
-        return any(tower.step == step for tower in self._towers)
+        return step in self._steps
 
     def plan(self, step: int, scored: Sequence[Scored], splits: Sequence[str]) -> None:
         """Record what will be executed in this step, all or nothing."""
@@ -140,7 +176,7 @@ class Store:
 
     def pending(self, step: int) -> list[tuple[int, Any]]:
         """(number, plan) of each plan of this step that has not been executed yet."""
-        pending = [t for t in self._towers if t.step == step and t.labels is None]
+        pending = [tower for tower in self._steps.get(step, []) if tower.labels is None]
         return [(tower.number, self.domain.decode([tower.plan])) for tower in pending]
 
     def record(self, number: int, labels: np.ndarray, report: dict[str, Any] | None = None) -> None:
@@ -151,17 +187,17 @@ class Store:
     @property
     def last_report(self) -> dict[str, Any] | None:
         """What the world told of the last plan that it told anything of: how it was left."""
-        return next((tower.report for tower in reversed(self._towers) if tower.report is not None), None)
+        return self._reported.report if self._reported else None
 
     def reports(self, step: int | None = None) -> dict[int, dict[str, Any]]:
         """What the world told, by the number of the plan, of all plans or of those of a step."""
-        towers = [tower for tower in self._towers if step in (None, tower.step)]
+        towers = self._towers if step is None else self._steps.get(step, [])
         return {tower.number: tower.report for tower in towers if tower.report is not None}
 
     def tower(self, number: int) -> Tower:
         """An executed plan. Raises InputError if there is none of that number."""
         if not 0 <= number < len(self._towers) or self._towers[number].labels is None:
-            have = self._select(None)
+            have = self._labelled
             numbers = f"towers {have[0].number} to {have[-1].number} have" if have else "none has"
             raise InputError(f"tower is {number}; {numbers} labels in {self.directory}")
         return self._towers[number]
@@ -172,21 +208,35 @@ class Store:
 
     def labelled(self, split: str | None = None, until: int | None = None) -> list[Labelled]:
         """All labelled plans of a split (or of both), up to a step, one batch per length, oldest first."""
-        by_length: dict[int, list[tuple[dict[str, Any], str]]] = {}
-        for tower in self._select(until):
-            if split in (None, tower.split):
-                by_length.setdefault(len(tower.labels or ""), []).append((tower.plan, tower.labels or ""))
-        return [
-            Labelled(
-                self.domain.decode([plan for plan, _ in group]),
-                np.array([[VALUE[symbol] for symbol in labels] for _, labels in group], np.int8),
-            )
-            for _, group in sorted(by_length.items())
-        ]
+        labelled = []
+        for batch in self._decoded():
+            rows = [
+                row
+                for row, tower in enumerate(batch.towers)
+                if split in (None, tower.split) and (until is None or tower.step <= until)
+            ]
+            if rows:
+                labelled.append(Labelled(batch.plans[np.array(rows)], batch.labels[rows]))
+        return labelled
+
+    def _decoded(self) -> list[Batch]:
+        """All labelled plans, one batch per length; only those labelled since the last call are decoded."""
+        known = sum(len(batch.towers) for batch in self._batches.values())
+        by_length: dict[int, list[Tower]] = {}
+        for tower in self._labelled[known:]:
+            by_length.setdefault(len(tower.labels or ""), []).append(tower)
+        for length, towers in by_length.items():
+            plans = self.domain.decode([tower.plan for tower in towers])
+            labels = np.array([[VALUE[symbol] for symbol in tower.labels or ""] for tower in towers], np.int8)
+            if before := self._batches.get(length):
+                plans = self.domain.concatenate([before.plans, plans])
+                labels, towers = np.concatenate([before.labels, labels]), before.towers + towers
+            self._batches[length] = Batch(plans, labels, towers)
+        return [batch for _, batch in sorted(self._batches.items())]
 
     def executed(self, step: int) -> tuple[np.ndarray, np.ndarray]:
         """Of this step's plans: did the whole plan succeed [n] bool, and the acquisition scores [n]."""
-        towers = [tower for tower in self._select(step) if tower.step == step]
+        towers = [tower for tower in self._steps.get(step, []) if tower.labels is not None]
         return (
             np.array([set(tower.labels or "") == {"1"} for tower in towers], bool),
             np.array([np.nan if tower.score is None else tower.score for tower in towers], float),
@@ -194,10 +244,7 @@ class Store:
 
     def count(self, until: int) -> int:
         """Labelled plans up to a step."""
-        return len(self._select(until))
-
-    def _select(self, until: int | None) -> list[Tower]:
-        return [t for t in self._towers if t.labels is not None and (until is None or t.step <= until)]
+        return bisect_right(self._labelled_steps, until)
 
     # -- what was learned ---------------------------------------------------------------------------------------
 
@@ -218,7 +265,7 @@ class Store:
     def record_evaluation(
         self, step: int, regret: pd.DataFrame, accuracy: pd.DataFrame, save: Callable[[Path], None] | None = None
     ) -> None:
-        """Make an evaluation durable with the weights that `save` writes, and write the tables anew."""
+        """Make an evaluation durable with the weights that `save` writes; write the tables if they lag far behind."""
         weights = self.weights(step)
         if save:
             with replacing(weights) as half:
@@ -228,7 +275,8 @@ class Store:
             for name, table in (("regret", regret), ("accuracy", accuracy))
         }
         self._append("evaluation", step=step, **rows, weights=checksum(weights) if save else None)
-        self.export()
+        if len(self._labelled) >= GROWTH * self._exported:
+            self.export()
 
     def weights(self, step: int) -> Path:
         """Where the ensemble of this step is kept."""
@@ -236,39 +284,50 @@ class Store:
 
     # -- tables -------------------------------------------------------------------------------------------------
 
-    def regret(self) -> pd.DataFrame:
-        """All evaluations so far, in the columns of `regret.parquet`."""
-        return self._evaluation_table("regret", REGRET_COLUMNS)
+    def regret(self, step: int | None = None) -> pd.DataFrame:
+        """All evaluations so far, or that of a step, in the columns of `regret.parquet`."""
+        return self._evaluation_table("regret", REGRET_COLUMNS, step)
 
-    def accuracy(self) -> pd.DataFrame:
-        """All evaluations so far, in the columns of `accuracy.parquet`."""
-        return self._evaluation_table("accuracy", ACCURACY_COLUMNS)
+    def accuracy(self, step: int | None = None) -> pd.DataFrame:
+        """All evaluations so far, or that of a step, in the columns of `accuracy.parquet`."""
+        return self._evaluation_table("accuracy", ACCURACY_COLUMNS, step)
 
-    def _evaluation_table(self, name: str, columns: list[str]) -> pd.DataFrame:
-        rows = [row for _, record in sorted(self._evaluations.items()) for row in record[name]]
+    def _evaluation_table(self, name: str, columns: list[str], step: int | None) -> pd.DataFrame:
+        steps = sorted(self._evaluations) if step is None else [step]
+        rows = [row for step in steps for row in self._evaluations[step][name]]
         table = pd.DataFrame(rows, columns=columns)
         return table.astype({column: dtype for column, dtype in DTYPES.items() if column in columns})
 
     def towers(self) -> pd.DataFrame:
         """One row per placement of every labelled plan: what came of it, and the columns of a tower file."""
-        towers = self._select(None)
-        parts = [self.domain.table(self.domain.random_plans(1, 0, np.random.default_rng()))] if not towers else []
-        for part in parts:
-            for place, column in enumerate(("step", "split", "score", "label", "note"), start=2):
-                part.insert(place, column, [])
-        for tower in towers:
-            part = self.domain.table(self.domain.decode([tower.plan]))
-            part["tower"] = tower.number
-            label = [None if s == "-" else int(s) for s in tower.labels or ""]
-            part.insert(2, "step", tower.step)
-            part.insert(3, "split", tower.split)
-            part.insert(4, "score", np.nan if tower.score is None else tower.score)
-            part.insert(5, "label", pd.Series(label, dtype="Int8"))
-            part.insert(6, "note", pd.Series([tower.note] * len(part), dtype="string"))
-            parts.append(part)
-        return pd.concat(parts, ignore_index=True)
+        nothing = Batch(self.domain.random_plans(1, 0, np.random.default_rng()), np.empty((0, 1), np.int8))
+        parts = [self._tower_table(batch) for batch in self._decoded() or [nothing]]
+        order = np.argsort(np.concatenate([part["tower"] for part in parts]), kind="stable")
+        return pd.concat(parts, ignore_index=True).iloc[order].reset_index(drop=True)
+
+    def _tower_table(self, batch: Batch) -> pd.DataFrame:
+        """The rows of plans of one length."""
+        table, towers = self.domain.table(batch.plans), batch.towers
+        row = table["tower"].to_numpy()
+
+        def repeated(values: list[Any], dtype: str) -> pd.Series:
+            return pd.Series(values, dtype=dtype).take(row).reset_index(drop=True)
+
+        labels = pd.Series(batch.labels.ravel(), dtype="Int8")
+        columns = {
+            "step": repeated([tower.step for tower in towers], "int64"),
+            "split": repeated([tower.split for tower in towers], "str"),
+            "score": repeated([np.nan if tower.score is None else tower.score for tower in towers], "float64"),
+            "label": labels.mask(labels == UNOBSERVED),
+            "note": repeated([tower.note for tower in towers], "string"),
+        }
+        for place, (name, values) in enumerate(columns.items(), start=2):
+            table.insert(place, name, values)
+        table["tower"] = np.array([tower.number for tower in towers], np.int64)[row]
+        return table
 
     def export(self) -> None:
         """Write towers.parquet, regret.parquet and accuracy.parquet, each replaced in one step."""
         for name, table in (("towers", self.towers()), ("regret", self.regret()), ("accuracy", self.accuracy())):
             write_table(table, self.directory / f"{name}.parquet")
+        self._exported = len(self._labelled)

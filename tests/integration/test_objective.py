@@ -34,7 +34,7 @@ ACCURACY = pd.DataFrame([(1, 10, 2, 0.5), (2, 12, 2, 0.75)], columns=["step", "t
 
 
 def test_figures_of_an_evaluation() -> None:
-    last = figures(REGRET[REGRET["step"] == 2], ACCURACY[ACCURACY["step"] == 2])
+    last = figures(REGRET, ACCURACY)[2]
     assert last.pop("regret/noisy/overhang") != last.get("regret/noisy/overhang"), "NaN"
     assert last == {
         "regret/analytic/tallest": 0.0,

@@ -74,19 +74,21 @@ def table(reports: Iterable[tuple[int, Mapping[str, Any]]]) -> pd.DataFrame:
 
 def summary(reports: Sequence[Mapping[str, Any]]) -> dict[str, float]:
     """Figures of some plans together; medians are of pick-and-places that were done."""
-    entries = table(enumerate(reports))
-    worked = entries[entries["purpose"] != INTERVENTION]
-    done = worked[worked["outcome"] == DONE]
-    built = done[done["purpose"] == BUILD]
+    entries = [entry for report in reports for entry in report["entries"]]
+    worked = [entry for entry in entries if entry["purpose"] != INTERVENTION]
+    done = [entry for entry in worked if entry["outcome"] == DONE]
+    built = [entry for entry in done if entry["purpose"] == BUILD]
     causes = [report["outcome"] for report in reports]
     figures: dict[str, float] = {
         "pick_and_places": len(done),
         "failed": len(worked) - len(done),
-        "interventions": int((entries["purpose"] == INTERVENTION).sum()),
+        "interventions": len(entries) - len(worked),
         "no_plan": causes.count("no plan"),
-        "plans": int(worked["plans"].sum()),
-        "replans": int(worked["replans"].sum()),
-        "regrasps": int(worked["regrasps"].sum()),
+        **{name: sum(entry.get(name, 0) for entry in worked) for name in ("plans", "replans", "regrasps")},
     }
-    medians = {"simulated": done["simulated"], "wall": done["wall"], "error": built["error"]}
+    medians = {
+        "simulated": [entry.get("simulated", 0.0) for entry in done],
+        "wall": [entry.get("wall", 0.0) for entry in done],
+        "error": [entry.get("error", np.nan) for entry in built],
+    }
     return figures | {name: float(np.median(values)) for name, values in medians.items() if len(values)}
