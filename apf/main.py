@@ -10,7 +10,7 @@ from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
 from apf.cli import one_line_errors, run_command
-from apf.config import Config, Learned, check_hydra, config_dir, describe, plain, validate
+from apf.config import Config, Learned, check_hydra, config_dir, describe, settle
 from apf.cpu import set_up_cpu
 from apf.errors import InputError
 from apf.experiment import Experiment
@@ -18,7 +18,8 @@ from apf.files import read_yaml
 from apf.models import Ensemble, pick_device
 from apf.planning import Evaluator
 from apf.report import print_summary, save_figures
-from apf.rundir import STATE, WORLD_TABLE, abandon, begin, check, finish, locked, resumable, resumed
+from apf.resume import RESUME, go_where_it_began, resumed
+from apf.rundir import STATE, WORLD_TABLE, abandon, begin, check, finish, locked, output_directory, resumable
 from apf.store import Store
 from apf.tables import write_table
 from apf.tracking import ConsoleTracker, RunInfo, Tracker, Trackers, log_end
@@ -28,9 +29,13 @@ from apf.tracking import ConsoleTracker, RunInfo, Tracker, Trackers, log_end
 @one_line_errors
 def job(cfg: DictConfig) -> None:
     """One run, in Hydra's output directory. A finished run of the same config returns at once."""
-    directory = Path(HydraConfig.get().runtime.output_dir)
-    check_hydra(HydraConfig.get())
-    plain_config, config = plain(cfg), validate(cfg)
+    hydra_config = HydraConfig.get()
+    directory = output_directory(hydra_config)
+    check_hydra(hydra_config)
+    resuming = hydra_config.job.config_name == RESUME
+    if resuming:
+        go_where_it_began(directory)
+    plain_config, config = settle(cfg, kept=directory if resuming else None)
     set_up_cpu(config.threads)
     model = make_model(cfg, config)
     if check(directory, plain_config, config.domain):

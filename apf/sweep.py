@@ -19,10 +19,11 @@ from omegaconf import DictConfig, OmegaConf, open_dict
 from rich.console import Console
 
 from apf.cli import FOLLOWER, MISTAKES, one_line
-from apf.config import check_hydra, plain, validate
+from apf.config import check_hydra, settle
 from apf.errors import InputError, Stopped
 from apf.interrupts import Interrupted
-from apf.rundir import check, finished, hydra_arguments, quoted
+from apf.resume import quoted
+from apf.rundir import as_typed, check, finished, hydra_arguments, output_directory
 
 PATIENCE = 20.0
 """Seconds that a run has to end after SIGTERM."""
@@ -89,7 +90,7 @@ class Sweep:
             directory = self.directory / str(config.hydra.sweep.subdir)
             command = [
                 *hydra_arguments(config.hydra),
-                *config.hydra.overrides.task,
+                *as_typed(config.hydra.overrides.task),
                 f"hydra.run.dir={quoted(directory)}",
                 f"hydra.sweep.dir={quoted(self.directory)}",
             ]
@@ -100,7 +101,8 @@ class Sweep:
             check_hydra(config.hydra)
             job_config = OmegaConf.masked_copy(config, [str(key) for key in config if key != "hydra"])
             HydraConfig.instance().set_config(config)
-            if check(directory, plain(job_config), validate(job_config).domain):
+            values, parts = settle(job_config)
+            if check(directory, values, parts.domain):
                 job.state = "already finished"
         except MISTAKES as error:
             job.state, job.reason = "failed", one_line(error)
@@ -182,8 +184,8 @@ def run_here(cfg: DictConfig) -> str:
     What ends the job ends the run too: Slurm's signals before the time is over, or Ray.
     """
     hydra = HydraConfig.get()
-    directory = Path(hydra.runtime.output_dir)
-    command = [*hydra_arguments(hydra), *hydra.overrides.task, f"hydra.run.dir={quoted(directory)}"]
+    directory = output_directory(hydra)
+    command = [*hydra_arguments(hydra), *as_typed(hydra.overrides.task), f"hydra.run.dir={quoted(directory)}"]
     command.append(f"hydra.sweep.dir={quoted(directory.parent)}")
     with started(command, cfg.threads) as process:
         try:
