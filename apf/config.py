@@ -3,15 +3,16 @@
 import difflib
 import hashlib
 import json
-import re
-from pathlib import Path
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass, replace
+from enum import Enum
+from functools import partial
+from pathlib import Path, PurePath
 from typing import Any
 
 import pydantic
 from hydra.conf import HydraConf
 from hydra.core.hydra_config import HydraConfig
-from hydra.errors import InstantiationException
-from hydra.utils import instantiate
 from omegaconf import DictConfig, OmegaConf
 from pydantic import NonNegativeInt, PositiveFloat, PositiveInt
 
@@ -20,6 +21,7 @@ from apf.errors import InputError
 from apf.experiment import Acquisition, Execution, Initial
 from apf.models import EnsembleSettings, Training
 from apf.objective import Objective, check_objective
+from apf.parts import PartError, find, make
 from apf.planning import EvaluationSettings, MonteCarloPlanner
 from apf.predictor import Predictor
 from apf.settings import settings
@@ -76,7 +78,29 @@ class Config:
 
 def validate(cfg: DictConfig) -> Config:
     """All parts of a config, made and checked. Raises InputError, naming the key, for what is unknown or wrong."""
+    return settle(cfg)[1]
+
+
+def settle(cfg: DictConfig, kept: Path | None = None) -> tuple[dict[str, Any], Config]:
+    """The plain config, each value as it was understood, and all of its parts, made and checked.
+
+    Args:
+        cfg: What Hydra composed.
+        kept: A run directory whose block sets are to be used, whatever the config says of them.
+
+    Raises:
+        InputError: Something is unknown or wrong; it names the key.
+    """
     config = build(cfg, Config)
+    values = understood(plain(cfg), config)
+    if kept is not None:
+        config = replace(config, domain=config.domain.kept_in(kept))
+    check_together(config)
+    return values, config
+
+
+def check_together(config: Config) -> None:
+    """Raises InputError, naming the key, if parts that are right by themselves do not fit each other."""
     if not config.task:
         raise InputError("task: none is chosen; choose at least one of tallest, overhang, unsupported")
     first = config.initial.train + config.initial.validation
@@ -96,7 +120,6 @@ def validate(cfg: DictConfig) -> Config:
     for length in config.evaluation.lengths:
         config.domain.check_length(length, "evaluation.lengths", evaluation=True)
     check_objective(config.objective, config.evaluation, config.task)
-    return config
 
 
 def _check_world(key: str, world: World, blocks: BlockSet, length: int) -> None:
@@ -107,25 +130,26 @@ def _check_world(key: str, world: World, blocks: BlockSet, length: int) -> None:
 
 
 def build(cfg: DictConfig, schema: type) -> Any:
-    """`schema` filled with what the config instantiates. Raises InputError, naming the key."""
+    """`schema` filled with what the config names, each class checked before any is called.
+
+    Raises InputError, naming the key, for a class that does not fit its place, and for what is missing or wrong.
+    """
     missing = sorted(OmegaConf.missing_keys(cfg))
     if missing:
         raise InputError(f"{missing[0]} is missing; give it as {missing[0]}=...")
+    parts = find(plain(cfg), [schema])
     try:
-        parts = instantiate(cfg, _convert_="all")
-        return schema(**parts)
+        return schema(**make(parts))
     except pydantic.ValidationError as error:
         raise InputError(describe(error, "", cfg)) from None
-    except InstantiationException as error:
-        match = re.search(r"full_key: (\S+)", str(error))
-        key = match.group(1) if match else ""
+    except PartError as error:
         cause = error.__cause__
-        while cause is not None and not isinstance(cause, pydantic.ValidationError | InputError) and cause.__cause__:
-            cause = cause.__cause__
         if isinstance(cause, pydantic.ValidationError):
-            raise InputError(describe(cause, key, cfg)) from None
-        reason = str(cause or error).splitlines()[0]
-        raise InputError(f"{key}: {reason}") from None
+            raise InputError(describe(cause, error.key, cfg)) from None
+        if isinstance(cause, InputError):
+            raise InputError(f"{error.key}: {cause}") from None
+        reason = next(iter(str(cause).splitlines()), "")
+        raise InputError(f"{error.key}: {type(cause).__name__}: {reason}") from cause
 
 
 def no_such_key(where: str, node: DictConfig | None) -> str:
@@ -176,6 +200,26 @@ def plain(cfg: DictConfig) -> dict[str, Any]:
     return OmegaConf.to_container(job, resolve=True)  # type: ignore[return-value]
 
 
+def understood(given: Any, made: Any) -> Any:
+    """A plain config with the values that its objects hold: a number that was given as text is a number.
+
+    Args:
+        given: Plain containers and values.
+        made: What became of them.
+    """
+    if isinstance(given, dict):
+        if isinstance(made, partial):
+            made = made.keywords
+        if is_dataclass(made):
+            made = {field.name: getattr(made, field.name) for field in fields(made)}
+        if isinstance(made, Mapping):
+            return {key: understood(value, made[key]) if key in made else value for key, value in given.items()}
+    if isinstance(given, list) and isinstance(made, list | tuple) and len(given) == len(made):
+        return [understood(*pair) for pair in zip(given, made, strict=True)]
+    value = made.value if isinstance(made, Enum) else str(made) if isinstance(made, PurePath) else made
+    return value if isinstance(value, str | int | float | bool | None) else given
+
+
 def identity(config: dict[str, Any]) -> dict[str, Any]:
     """The part of a plain config that decides what a run computes, however far it goes."""
     return {key: value for key, value in config.items() if key not in (*NO_EFFECT, LENGTH)}
@@ -183,8 +227,17 @@ def identity(config: dict[str, Any]) -> dict[str, Any]:
 
 def config_hash(config: dict[str, Any]) -> str:
     """Eight hexadecimal digits that identify what a run computes."""
-    text = json.dumps(identity(config), sort_keys=True, default=str)
+    text = json.dumps(_numbers(identity(config)), sort_keys=True, default=str)
     return hashlib.sha256(text.encode()).hexdigest()[:8]
+
+
+def _numbers(node: Any) -> Any:
+    """A plain config in which 1.0 is 1: both are one number."""
+    if isinstance(node, dict):
+        return {key: _numbers(value) for key, value in node.items()}
+    if isinstance(node, list):
+        return [_numbers(item) for item in node]
+    return int(node) if isinstance(node, float) and node.is_integer() else node
 
 
 def flatten(config: dict[str, Any], prefix: str = "") -> dict[str, Any]:

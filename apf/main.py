@@ -12,7 +12,7 @@ from omegaconf import DictConfig
 
 from apf.claim import STATE, WORLD_TABLE, locked
 from apf.cli import one_line_errors, run_command
-from apf.config import Config, Learned, check_hydra, config_dir, describe, plain, validate
+from apf.config import Config, Learned, check_hydra, config_dir, describe, settle
 from apf.cpu import set_up_cpu
 from apf.errors import InputError
 from apf.experiment import Experiment
@@ -21,7 +21,8 @@ from apf.models import Ensemble, pick_device
 from apf.objective import must_be_number, optimises, returned
 from apf.planning import Evaluator
 from apf.report import print_summary, save_figures
-from apf.rundir import begin, check, finish, resumable, resumed
+from apf.resume import RESUME, go_where_it_began, resumed
+from apf.rundir import begin, check, finish, output_directory, resumable
 from apf.store import Store
 from apf.tables import write_table
 from apf.tracking import ConsoleTracker, RunInfo, Tracker, Trackers, log_end
@@ -35,12 +36,16 @@ def job(cfg: DictConfig) -> float | tuple[float, ...] | None:
 
     Returns the run's objective, for a sweeper.
     """
-    directory = Path(HydraConfig.get().runtime.output_dir)
-    check_hydra(HydraConfig.get())
-    plain_config, config = plain(cfg), validate(cfg)
+    hydra_config = HydraConfig.get()
+    directory = output_directory(hydra_config)
+    check_hydra(hydra_config)
+    resuming = hydra_config.job.config_name == RESUME
+    if resuming:
+        go_where_it_began(directory)
+    plain_config, config = settle(cfg, kept=directory if resuming else None)
     set_up_cpu(config.threads)
     model = make_model(cfg, config)
-    optimised = HydraConfig.get().mode == RunMode.MULTIRUN and optimises(HydraConfig.get(), config.objective)
+    optimised = hydra_config.mode == RunMode.MULTIRUN and optimises(hydra_config, config.objective)
     if check(directory, plain_config, config.domain):
         print(f"{directory} holds this run already, finished", file=sys.stderr)
     else:

@@ -13,8 +13,8 @@ from apf.claim import CONFIG, JOURNAL, STATE, locked
 from apf.cli import one_line_errors, run_command
 from apf.config import build, config_dir
 from apf.errors import InputError
-from apf.files import read_yaml
-from apf.rundir import reopen
+from apf.resume import as_literal, kept_config, shut_off
+from apf.rundir import check_blocks, reopen
 from apf.settings import settings
 from apf.store import VALUE, Store
 from apf.towers import TowerDomain
@@ -31,6 +31,13 @@ class RelabelConfig:
     reason: str
 
 
+@settings
+class KeptDomain:
+    """What a correction needs of a run's config."""
+
+    domain: TowerDomain
+
+
 @hydra.main(version_base="1.3", config_path=config_dir(), config_name="relabel")
 @one_line_errors
 def job(cfg: DictConfig) -> None:
@@ -41,9 +48,10 @@ def job(cfg: DictConfig) -> None:
     for name in (CONFIG, STATE, JOURNAL):
         if not (config.run / name).exists():
             raise InputError(f"run={config.run}: no run there; give a directory that holds {name}")
+    shut_off(config.run)
     with locked(config.run):
         domain = domain_of(config.run)
-        domain.check_kept(config.run)
+        check_blocks(config.run, domain)
         store = Store(config.run, domain)
         if store.journal.notice:
             print(store.journal.notice, file=sys.stderr)
@@ -62,8 +70,9 @@ def job(cfg: DictConfig) -> None:
 
 
 def domain_of(run: Path) -> TowerDomain:
-    """The domain that a run directory's config describes."""
-    return build(OmegaConf.create({"domain": read_yaml(run / CONFIG)["domain"]}), dict)["domain"]
+    """The domain that a run directory's config describes, with the block sets that are kept there."""
+    kept = OmegaConf.create(as_literal({"domain": kept_config(run)["domain"]}))
+    return build(kept, KeptDomain).domain.kept_in(run)
 
 
 def checked(labels: str, length: int) -> str:

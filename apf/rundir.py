@@ -1,16 +1,16 @@
-"""What run a directory holds, how it was started, how far it has gone, and how to go on with it."""
+"""What a run directory holds, how it was started, how far it has gone, and whether it may go on."""
 
 import contextlib
-import os
 import secrets
 import shlex
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from hydra.core.hydra_config import HydraConfig
 from hydra.types import RunMode
+from omegaconf import OmegaConf
 
 from apf.claim import CONFIG, JOURNAL, STATE, TABLES, WORLD_TABLE, is_new, refuse_foreign
 from apf.config import LENGTH, config_dir, config_hash, flatten, identity
@@ -37,7 +37,7 @@ def check(directory: Path, config: dict[str, Any], domain: TowerDomain) -> bool:
     differing = [key for key in sorted(mine.keys() | theirs.keys()) if mine.get(key) != theirs.get(key)]
     if differing:
         raise InputError(f"{directory} holds a run of another config; these keys differ: {', '.join(differing)}")
-    domain.check_kept(directory)
+    check_blocks(directory, domain)
     if not (directory / JOURNAL).exists():
         raise InputError(
             f"{directory / JOURNAL} is missing, and all labels with it; put it back, or remove {directory}"
@@ -52,6 +52,18 @@ def check(directory: Path, config: dict[str, Any], domain: TowerDomain) -> bool:
             "it cannot be made longer"
         )
     return done and config[LENGTH] <= kept[LENGTH]
+
+
+def check_blocks(directory: Path, domain: TowerDomain) -> None:
+    """Raises InputError if a block set is not the one that the run began with."""
+    began = read_yaml(directory / STATE).get("blocks")
+    for name, digest in domain.digests.items():
+        if not isinstance(began, Mapping) or began.get(name) != digest:
+            raise InputError(
+                f"{directory / name} differs from the blocks of now, or was changed; labels belong to the blocks that "
+                "the run began with"
+            )
+    domain.check_kept(directory)
 
 
 def begin(directory: Path, config: dict[str, Any], domain: TowerDomain) -> None:
@@ -75,9 +87,9 @@ def begin(directory: Path, config: dict[str, Any], domain: TowerDomain) -> None:
         "hash": config_hash(config),
         "sweep": config["sweep"] if in_sweep else None,
         "choices": {**choices, "task": list(config["task"])},
-        "overrides": list(hydra.overrides.task),
-        "hydra": hydra_arguments(hydra),
+        "overrides": as_typed(hydra.overrides.task),
         "cwd": str(Path.cwd()),
+        "blocks": domain.digests,
         "versions": versions(),
         "finished": False,
         "seconds": 0.0,
@@ -89,6 +101,27 @@ def begin(directory: Path, config: dict[str, Any], domain: TowerDomain) -> None:
         write_yaml(directory / CONFIG, config)
     except OSError as error:
         raise InputError(f"{directory}: cannot be written: {error.strerror}") from None
+    except UnicodeError:
+        raise InputError(f"{directory}: its name, or a value of the config, cannot be written as text") from None
+    check_written(directory, config, state, domain)
+
+
+def check_written(directory: Path, config: dict[str, Any], state: dict[str, Any], domain: TowerDomain) -> None:
+    """Raises InputError if what a run begins with cannot be read back as it was written."""
+    for name, written in ((CONFIG, config), (STATE, state)):
+        read = read_yaml(directory / name)
+        for key in written:
+            if read.get(key) != written[key]:
+                raise InputError(f"{key}: a value cannot be kept: {directory / name} does not give it back as it is")
+    try:
+        domain.check_kept(directory)
+    except InputError as error:
+        raise InputError(f"domain: blocks cannot be kept; do their names have blanks or symbols? {error}") from None
+
+
+def as_typed(overrides: Any) -> list[str]:
+    """Overrides of a command line, no interpolation resolved: what they refer to may be another thing elsewhere."""
+    return OmegaConf.to_container(overrides, resolve=False)  # type: ignore[return-value]
 
 
 def holds_run(directory: Path) -> bool:
@@ -101,9 +134,6 @@ def lengthen(directory: Path, config: dict[str, Any]) -> None:
     kept = read_yaml(directory / CONFIG)
     if kept[LENGTH] != config[LENGTH]:
         reopen(directory)
-        overrides = [text for text in read_yaml(directory / STATE)["overrides"] if _key(text) != LENGTH]
-        state = {**read_yaml(directory / STATE), "overrides": [*overrides, f"{LENGTH}={config[LENGTH]}"]}
-        write_yaml(directory / STATE, state)
         write_yaml(directory / CONFIG, {**kept, LENGTH: config[LENGTH]})
 
 
@@ -130,6 +160,11 @@ def finished(directory: Path) -> bool:
     return bool(state.get("finished")) and all(checksum(directory / name) == files[name] for name in files)
 
 
+def output_directory(hydra: Any) -> Path:
+    """Hydra's output directory. Its name is a name, whatever it looks like: `${seed}` is not the seed."""
+    return Path(OmegaConf.to_container(hydra.runtime, resolve=False)["output_dir"])  # type: ignore
+
+
 def hydra_arguments(hydra: Any) -> list[str]:
     """Flags and overrides that a command line needs besides the overrides of the job, to compose the same config."""
     arguments = []
@@ -140,40 +175,7 @@ def hydra_arguments(hydra: Any) -> list[str]:
             arguments += ["--config-path", source.path]
     if hydra.job.config_name != "config":
         arguments += ["--config-name", hydra.job.config_name]
-    return arguments + [text for text in hydra.overrides.hydra if not text.lstrip("+~").startswith(NOT_KEPT)]
-
-
-def resumed(arguments: list[str]) -> list[str]:
-    """The command line with `resume=DIR` replaced by what the run in DIR was started with; what else it says, wins.
-
-    Goes to the directory where the run was started, so that relative paths mean the same. Raises InputError if there is
-    no run to go on with.
-    """
-    resume = [text for text in arguments if text.startswith("resume=")]
-    if not resume:
-        return arguments
-    others = [text for text in arguments if text not in resume]
-    if len(resume) > 1 or {"-m", "--multirun"} & set(others):
-        raise InputError("resume takes one run directory; a sweep goes on with its own command")
-    directory = Path(resume[0].partition("=")[2]).absolute()
-    if not (directory / STATE).exists():
-        raise InputError(f"resume={directory}: no run there; give a directory that holds {STATE}")
-    state = read_yaml(directory / STATE)
-    if Path(state["cwd"]).is_dir():
-        os.chdir(state["cwd"])
-    given = {_key(text) for text in others}
-    kept = [text for text in state["overrides"] if _key(text) not in given]
-    return [*state["hydra"], *kept, *others, f"hydra.run.dir={quoted(directory)}"]
-
-
-def _key(override: str) -> str:
-    return override.lstrip("+~").partition("=")[0]
-
-
-def quoted(path: Path) -> str:
-    """A path as a value in Hydra's override grammar."""
-    escaped = str(path).replace("\\", "\\\\").replace("'", "\\'")
-    return f"'{escaped}'"
+    return arguments + [text for text in as_typed(hydra.overrides.hydra) if not text.lstrip("+~").startswith(NOT_KEPT)]
 
 
 @contextlib.contextmanager

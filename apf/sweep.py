@@ -19,11 +19,12 @@ from omegaconf import DictConfig, OmegaConf, open_dict
 from rich.console import Console
 
 from apf.cli import FOLLOWER, MISTAKES, one_line
-from apf.config import check_hydra, plain, validate
+from apf.config import check_hydra, settle
 from apf.errors import InputError, Stopped
 from apf.interrupts import Interrupted
 from apf.objective import Objective, must_be_number, optimises, outcome, returned
-from apf.rundir import check, finished, hydra_arguments, quoted
+from apf.resume import quoted
+from apf.rundir import as_typed, check, finished, hydra_arguments, output_directory
 from apf.tracking import Board, ProgressFile
 from apf.tracking.progress import still
 
@@ -105,7 +106,7 @@ class Sweep:
             directory = self.directory / str(config.hydra.sweep.subdir)
             command = [
                 *hydra_arguments(config.hydra),
-                *config.hydra.overrides.task,
+                *as_typed(config.hydra.overrides.task),
                 f"hydra.run.dir={quoted(directory)}",
                 f"hydra.sweep.dir={quoted(self.directory)}",
             ]
@@ -116,9 +117,9 @@ class Sweep:
             check_hydra(config.hydra)
             job_config = OmegaConf.masked_copy(config, [str(key) for key in config if key != "hydra"])
             HydraConfig.instance().set_config(config)
-            checked = validate(job_config)
-            job.objective, job.towers = checked.objective, checked.towers
-            if check(directory, plain(job_config), checked.domain):
+            values, parts = settle(job_config)
+            job.objective, job.towers = parts.objective, parts.towers
+            if check(directory, values, parts.domain):
                 job.state = "already finished"
         except MISTAKES as error:
             job.state, job.reason = "failed", one_line(error)
@@ -214,8 +215,8 @@ def run_here(cfg: DictConfig) -> str:
     What ends the job ends the run too: Slurm's signals before the time is over, or Ray.
     """
     hydra = HydraConfig.get()
-    directory = Path(hydra.runtime.output_dir)
-    command = [*hydra_arguments(hydra), *hydra.overrides.task, f"hydra.run.dir={quoted(directory)}"]
+    directory = output_directory(hydra)
+    command = [*hydra_arguments(hydra), *as_typed(hydra.overrides.task), f"hydra.run.dir={quoted(directory)}"]
     command.append(f"hydra.sweep.dir={quoted(directory.parent)}")
     with started(command, cfg.threads) as process:
         try:

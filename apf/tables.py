@@ -3,11 +3,16 @@
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 
 from apf.errors import InputError
 from apf.files import make_folder, replacing
+
+_OLD = tuple(map(int, pd.__version__.split(".")[:2])) < (3, 1)
+EXACT: dict[str, Any] = {"float_precision": "round_trip"} if _OLD else {}
+"""Before version 3.1, pandas by itself changes every third number that it reads in its last digit."""
 
 
 def check_ending(path: Path) -> None:
@@ -35,6 +40,7 @@ def read_table(path: Path, columns: Sequence[str], units: Mapping[str, str], tex
                 na_values={header: [""] for header in headers},
                 skipinitialspace=True,
                 skip_blank_lines=False,
+                **EXACT,
                 index_col=False,
             ).dropna(how="all")
         else:

@@ -1,5 +1,7 @@
 """Blocks and block sets: cuboids with their own dimensions, mass and centre of mass (Section Domain)."""
 
+import hashlib
+import json
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -53,6 +55,12 @@ class BlockSet:
         """The same names and, bit for bit, the same numbers?"""
         mine, theirs = ((b.dims, b.com, b.mass) for b in (self, other))
         return self.name == other.name and all(map(np.array_equal, mine, theirs))
+
+    @property
+    def digest(self) -> str:
+        """Sixteen hexadecimal digits of the names and, bit for bit, the numbers."""
+        numbers = (np.asarray(a, "<f8").tobytes() for a in (self.dims, self.com, self.mass))
+        return hashlib.sha256(b"\0".join((json.dumps(self.name).encode(), *numbers))).hexdigest()[:16]
 
     def subset(self, which: np.ndarray) -> "BlockSet":
         """The blocks of the given indices [M]."""

@@ -6,9 +6,10 @@ experimental infrastructure and a feasibility detector (`apf.worlds`), and induc
 """
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pandas as pd
@@ -39,6 +40,7 @@ class TowerDomain:
     """Train on each tower with its masses scaled so many ways, instead of its own? What stands, stands if every block
     weighs twice as much. 0: its own masses."""
 
+    _names: ClassVar = ("training_blocks.csv", "evaluation_blocks.csv")
     n_features = N_FEATURES
     n_position = N_POSITION
 
@@ -73,8 +75,19 @@ class TowerDomain:
                     f"{directory / name} differs from the blocks of now; labels belong to the blocks there"
                 )
 
+    def kept_in(self, directory: Path) -> "TowerDomain":
+        """This domain with the block sets that `keep` wrote into a directory, wherever they came from at first."""
+        files = zip((self.training, self.evaluation), self._names, strict=True)
+        training, evaluation = (replace(source, file=directory / name) for source, name in files)  # type: ignore[type-var]
+        return replace(self, training=training, evaluation=evaluation)  # type: ignore[type-var]
+
+    @property
+    def digests(self) -> dict[str, str]:
+        """By the name of its file, digits that tell a block set from all others."""
+        return {name: blocks.digest for name, blocks in self._sets().items()}
+
     def _sets(self) -> dict[str, BlockSet]:
-        return {"training_blocks.csv": self.training_blocks, "evaluation_blocks.csv": self.evaluation_blocks}
+        return dict(zip(self._names, (self.training_blocks, self.evaluation_blocks), strict=True))
 
     def check_length(self, length: int, key: str, evaluation: bool = False) -> None:
         """Raises InputError, naming the config key, if no plan of `length` placements can be made."""
