@@ -3,6 +3,7 @@
 import contextlib
 import fcntl
 import os
+import re
 import secrets
 import shlex
 import socket
@@ -203,9 +204,9 @@ def _key(override: str) -> str:
     return override.lstrip("+~").partition("=")[0]
 
 
-def quoted(path: Path) -> str:
-    """A path as a value in Hydra's override grammar."""
-    escaped = str(path).replace("\\", "\\\\").replace("'", "\\'")
+def quoted(path: Path | str) -> str:
+    """A path or another text as a value in Hydra's override grammar."""
+    escaped = re.sub(r"(\\*)('|\Z)", lambda found: 2 * found[1] + found[2].replace("'", "\\'"), str(path))
     return f"'{escaped}'"
 
 

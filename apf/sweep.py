@@ -16,13 +16,13 @@ from hydra.core.utils import JobReturn
 from hydra.plugins.launcher import Launcher
 from hydra.types import HydraContext
 from omegaconf import DictConfig, OmegaConf, open_dict
-from rich.console import Console
 
 from apf.cli import FOLLOWER, MISTAKES, one_line
 from apf.config import check_hydra, plain, validate
 from apf.errors import InputError, Stopped
 from apf.interrupts import Interrupted
 from apf.rundir import check, finished, hydra_arguments, quoted
+from apf.terminal import console
 
 PATIENCE = 20.0
 """Seconds that a run has to end after SIGTERM."""
@@ -55,7 +55,7 @@ class Sweep:
             raise InputError(f"hydra.launcher.jobs is {jobs!r}; it must be auto or a positive number")
         self.context, self.config, self.jobs, self.engine = context, config, jobs, engine
         self.directory = Path(config.hydra.sweep.dir).absolute()
-        self.console = Console(stderr=True, highlight=False, soft_wrap=True)
+        self.console = console(stderr=True)
         self.processes: list[subprocess.Popen] = []
         self.over = False
 
@@ -124,11 +124,9 @@ class Sweep:
                     job, seconds, crash = future.result()
                     done += 1
                     reason = f": {job.reason}" if job.failed else ""
-                    self.console.print(
-                        f"[{done}/{total}] {job.directory.name} {job.state}, {seconds:.0f} s{reason}", markup=False
-                    )
+                    self.console.print(f"[{done}/{total}] {job.directory.name} {job.state}, {seconds:.0f} s{reason}")
                     if crash:
-                        self.console.print(crash, markup=False)
+                        self.console.print(crash)
         finally:
             self.over = True
             pool.shutdown(wait=False, cancel_futures=True)
@@ -173,7 +171,7 @@ class Sweep:
         for job in jobs:
             state = job.state or "not finished"
             reason = f": {job.reason}" if job.reason else ""
-            self.console.print(f"{state:<17} {job.directory.name}{reason}", markup=False)
+            self.console.print(f"{state:<17} {job.directory.name}{reason}")
 
 
 def run_here(cfg: DictConfig) -> str:

@@ -3,10 +3,10 @@
 import logging
 import sys
 
-from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from apf.errors import InputError, Stopped
+from apf.terminal import console
 from apf.tracking.base import Figures, RunInfo, Tracker
 
 log = logging.getLogger("apf")
@@ -29,7 +29,7 @@ class ConsoleTracker(Tracker):
     """A progress bar on a terminal, plain lines elsewhere; and the same lines in run.log."""
 
     def __init__(self) -> None:
-        self.console = Console(stderr=True)
+        self.console = console(stderr=True)
         self._progress: Progress | None = None
         self._file: logging.Handler | None = None
 
@@ -51,7 +51,7 @@ class ConsoleTracker(Tracker):
                 TimeElapsedColumn(),
                 TextColumn("left"),
                 TimeRemainingColumn(elapsed_when_finished=False),
-                TextColumn("{task.description}"),
+                TextColumn("{task.description}", markup=False),
             )
             self._progress = Progress(*columns, console=self.console, transient=True)
             self._task = self._progress.add_task("starting", total=None)
@@ -89,6 +89,6 @@ class ConsoleTracker(Tracker):
     def _say(self, line: str) -> None:
         log.info(line)
         if self._progress:
-            self._progress.console.print(line, highlight=False)
+            self._progress.console.print(line)
         else:
             print(line, file=sys.stderr, flush=True)
