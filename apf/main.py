@@ -15,6 +15,7 @@ from apf.cpu import set_up_cpu
 from apf.errors import InputError
 from apf.experiment import Experiment
 from apf.files import read_yaml
+from apf.machine import check_machine, check_weights
 from apf.models import Ensemble, pick_device
 from apf.planning import Evaluator
 from apf.report import print_summary, save_figures
@@ -31,6 +32,7 @@ def job(cfg: DictConfig) -> None:
     directory = Path(HydraConfig.get().runtime.output_dir)
     check_hydra(HydraConfig.get())
     plain_config, config = plain(cfg), validate(cfg)
+    check_machine(config)
     set_up_cpu(config.threads)
     model = make_model(cfg, config)
     if check(directory, plain_config, config.domain):
@@ -86,6 +88,7 @@ def make_model(cfg: DictConfig, config: Config) -> Ensemble:
     """The untrained ensemble. Raises InputError if the device or a setting of the network is wrong."""
     try:
         device = pick_device(config.device)
+        check_weights(config.model, config.domain, device)
         odds = config.predictor.odds if isinstance(config.predictor, Learned) else 1.0
         return Ensemble(config.model, config.sampler.kind, config.domain, config.training, device, odds)
     except pydantic.ValidationError as error:

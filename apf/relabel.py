@@ -6,14 +6,13 @@ from pathlib import Path
 import hydra
 import numpy as np
 from omegaconf import DictConfig, OmegaConf
-from pydantic import NonNegativeInt
 
 from apf.cli import one_line_errors, run_command
 from apf.config import build, config_dir
 from apf.errors import InputError
 from apf.files import read_yaml
 from apf.rundir import CONFIG, JOURNAL, locked, reopen
-from apf.settings import settings
+from apf.settings import CountOrNone, settings
 from apf.store import VALUE, Store
 from apf.towers import TowerDomain
 from apf.worlds import are_labels
@@ -24,7 +23,7 @@ class RelabelConfig:
     """What the command is given; the comments in `conf/relabel.yaml` say what for."""
 
     run: Path
-    tower: NonNegativeInt
+    tower: CountOrNone
     labels: str
     reason: str
 

@@ -21,6 +21,7 @@ from apf.cli import FOLLOWER, MISTAKES, one_line
 from apf.config import check_hydra, plain, validate
 from apf.errors import InputError, Stopped
 from apf.interrupts import Interrupted
+from apf.machine import check_machine, cores
 from apf.rundir import check, finished, hydra_arguments, quoted
 from apf.terminal import console
 
@@ -51,7 +52,7 @@ class Sweep:
 
     def __init__(self, context: HydraContext, config: DictConfig, jobs: int | str, engine: Launcher | None) -> None:
         """jobs: runs at once, or `auto`; for the engine, if there is one, it means nothing."""
-        if engine is None and jobs != "auto" and (not isinstance(jobs, int) or jobs < 1):
+        if engine is None and jobs != "auto" and (type(jobs) is not int or jobs < 1):
             raise InputError(f"hydra.launcher.jobs is {jobs!r}; it must be auto or a positive number")
         self.context, self.config, self.jobs, self.engine = context, config, jobs, engine
         self.directory = Path(config.hydra.sweep.dir).absolute()
@@ -100,7 +101,10 @@ class Sweep:
             check_hydra(config.hydra)
             job_config = OmegaConf.masked_copy(config, [str(key) for key in config if key != "hydra"])
             HydraConfig.instance().set_config(config)
-            if check(directory, plain(job_config), validate(job_config).domain):
+            checked = validate(job_config)
+            if self.engine is None:
+                check_machine(checked)
+            if check(directory, plain(job_config), checked.domain):
                 job.state = "already finished"
         except MISTAKES as error:
             job.state, job.reason = "failed", one_line(error)
@@ -248,8 +252,3 @@ def explain(code: int, said: str) -> tuple[str, str]:
     if last.startswith("interrupted"):
         return "interrupted", ""
     return f"exit code {code}" + (f": {last}" if trace else ""), trace
-
-
-def cores() -> int:
-    """Processor cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -8,14 +8,14 @@ experimental infrastructure and a feasibility detector (`apf.worlds`), and induc
 from collections.abc import Iterator, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import pandas as pd
-from pydantic import Field, NonNegativeInt
+from pydantic import Field
 
 from apf.errors import InputError
-from apf.settings import settings
+from apf.settings import Whole, settings
 from apf.towers.balanced import balanced_towers
 from apf.towers.blocks import BlockSet, BlockSource
 from apf.towers.features import N_FEATURES, N_POSITION, features, mirrored, weighed
@@ -35,7 +35,7 @@ class TowerDomain:
     offset: Offset = Field(default_factory=Offset)
     mirror: bool = True
     """Train on mirror images too? What stands, stands in a mirror."""
-    mass_scales: NonNegativeInt = 4
+    mass_scales: Annotated[Whole, Field(ge=0, le=100)] = 4
     """Train on each tower with its masses scaled so many ways, instead of its own? What stands, stands if every block
     weighs twice as much. 0: its own masses."""
 
