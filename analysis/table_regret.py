@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 from commands import finished_runs, one_line_errors, parser_of
-from rich.console import Console
 from rich.table import Table
 
 from apf.errors import InputError
 from apf.runs import gather
+from apf.terminal import console
 
 WIDTH = 140
 
@@ -57,7 +57,7 @@ def main() -> None:
         quartiles = f"{row['q25']:.3f} to {row['q75']:.3f}"
         numbers = (f"{row['median']:.3f}", quartiles, f"{row['mean']:.3f}", f"{row['standing']} of {row['chosen']}")
         lines.add_row(row["group"], str(row["towers"]), row["world"], row["task"], *numbers, str(row["runs"]))
-    Console(width=WIDTH).print(lines, highlight=False)
+    console(width=WIDTH).print(lines)
 
 
 if __name__ == "__main__":

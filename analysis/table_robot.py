@@ -7,12 +7,11 @@ from pathlib import Path
 
 import pandas as pd
 from commands import finished_runs, one_line_errors, parser_of
-from rich.console import Console
-from rich.markup import escape
 from rich.table import Table
 
 from apf.errors import InputError
 from apf.runs import Run
+from apf.terminal import console
 
 HELP = "intervention"
 """The purpose of a row that is no pick-and-place."""
@@ -62,8 +61,8 @@ def main() -> None:
             table.to_csv(arguments.out, index=False, float_format="%.6g")
     lines = Table("run", "statistic", "value", box=None)
     for row in table.to_dict("records"):
-        lines.add_row(row["run"], escape(row["statistic"]), f"{row['value']:.4g}")
-    Console(width=120).print(lines, highlight=False)
+        lines.add_row(row["run"], row["statistic"], f"{row['value']:.4g}")
+    console(width=120).print(lines)
 
 
 if __name__ == "__main__":

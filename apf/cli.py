@@ -3,13 +3,15 @@
 import contextlib
 import functools
 import os
+import re
+import shlex
 import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from hydra.core.hydra_config import HydraConfig
-from hydra.errors import HydraException, MissingConfigException
+from hydra.errors import HydraException, MissingConfigException, OverrideParseException
 from hydra.experimental.callback import Callback
 from hydra.types import RunMode
 from omegaconf import DictConfig
@@ -18,11 +20,19 @@ from omegaconf.errors import ConfigAttributeError, ConfigKeyError, OmegaConfBase
 from apf.config import config_dir, no_such_key
 from apf.errors import InputError, Stopped
 from apf.interrupts import Interrupted, end_with_parent, watch_signals
+from apf.resume import quoted
+from apf.terminal import accept_any_name
 
 MISTAKES = (InputError, HydraException, OmegaConfBaseException)
 ONE_LINE = (*MISTAKES, Stopped)
 FOLLOWER = "APF_ENDS_WITH_PARENT"
 """Environment variable of a process that ends when its standard input closes."""
+NOT_CHOSEN = r"Could not override '([^']*)'\. No match in the defaults list\.\nTo append to .* use \+[^=]*=(.*)"
+"""What Hydra says of the choice of a group that its defaults list does not hold."""
+GRAMMAR = re.compile(
+    r"LexerNoViableAlt|mismatched input|extraneous input|no viable alternative|token recognition error"
+)
+"""What Hydra's parser says of a text that its grammar does not know."""
 _show_traceback = os.environ.get("HYDRA_FULL_ERROR") == "1"
 _in_job = False
 
@@ -60,9 +70,11 @@ def run_command(
     os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra then hands its exceptions on
     try:
         watch_signals()
+        accept_any_name()
         if FOLLOWER in os.environ:
             end_with_parent()
         sys.argv[1:] = rewrite(sys.argv[1:])
+        find_modules_here()
         command()
     except KeyboardInterrupt as error:
         print(str(error) or "interrupted", file=sys.stderr)
@@ -73,6 +85,16 @@ def run_command(
             raise
         given = "" if isinstance(error, (*ONE_LINE, OSError)) else f" (given: {' '.join(sys.argv[1:])})"
         sys.exit(f"error: {one_line(error)}{given}")
+
+
+def find_modules_here() -> None:
+    """Let a `_target_` name a module of the current folder, as `python -m` does.
+
+    A console script does not look there by itself; jobs of a sweep and resumed runs, which are started by `python -m`,
+    do, and the same command must mean the same everywhere. The folder comes last: nothing in it hides a library.
+    """
+    if not sys.flags.safe_path and str(Path.cwd()) not in sys.path:
+        sys.path.append(str(Path.cwd()))
 
 
 class NewFolders(Callback):
@@ -114,7 +136,13 @@ def one_line(error: BaseException) -> str:
     cause = error.__cause__
     if isinstance(error, HydraException) and isinstance(cause, ConfigAttributeError | ConfigKeyError):
         return no_such_key(str(cause.full_key), cause.parent_node)
+    if isinstance(error, OverrideParseException):
+        return unreadable(error)
     message = str(error).partition("\nConfig search path:")[0]
+    if added := re.fullmatch(NOT_CHOSEN, message):
+        group, option = added.groups()
+        if Path(config_dir(), group).is_dir():
+            return f"{group}={option}: no {group} is chosen by default, so it is added with a plus: +{group}={option}"
     if isinstance(error, MissingConfigException) and error.missing_cfg_file and not error.options:
         if "submitit" in error.missing_cfg_file:
             return "hydra/launcher: Hydra's submitit launcher is not installed; pip install 'apf[slurm]'"
@@ -125,3 +153,20 @@ def one_line(error: BaseException) -> str:
     folded = " ".join(kept)
     key = str(getattr(error, "full_key", None) or "")
     return folded if key in folded else f"{key}: {folded}"
+
+
+def unreadable(error: OverrideParseException) -> str:
+    """One line on an argument that Hydra cannot read, and how to write it so that it can."""
+    key, equals, value = error.override.partition("=")
+    if not equals or not re.fullmatch(r"[+~]*[\w./@:-]+", key):
+        return f"{error.override}: cannot be read; an argument is KEY=VALUE, as in seed=1"
+    told = error.message.partition("\nSee https://hydra.cc")[0].partition(f"override '{error.override}'\n")[2]
+    if told and not GRAMMAR.search(told):  # a function that is used wrongly, say: it tells why
+        return f"{error.override}: cannot be read: {' '.join(told.split())}"
+    return f"{error.override}: cannot be read; put the value in quotes, and all of it in others: {typed(key, value)}"
+
+
+def typed(key: str, value: str) -> str:
+    """How `key=value` is typed in a shell, for any value."""
+    argument = f"{key}={quoted(value)}"
+    return shlex.quote(argument) if re.search(r'["$`!\n]|\\\\', argument) else f'"{argument}"'

@@ -3,18 +3,18 @@
 import difflib
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass, replace
 from enum import Enum
 from functools import partial
 from pathlib import Path, PurePath
-from typing import Any
+from typing import Annotated, Any
 
 import pydantic
 from hydra.conf import HydraConf
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
-from pydantic import NonNegativeInt, PositiveFloat, PositiveInt
+from pydantic import Field
 
 from apf.acquisition import Sampler
 from apf.errors import InputError
@@ -24,7 +24,7 @@ from apf.objective import Objective, check_objective
 from apf.parts import PartError, find, make
 from apf.planning import EvaluationSettings, MonteCarloPlanner
 from apf.predictor import Predictor
-from apf.settings import settings
+from apf.settings import Count, Few, Name, Number, Seed, settings
 from apf.tasks import Task
 from apf.towers import BlockSet, TowerDomain
 from apf.tracking import Tracker
@@ -47,7 +47,7 @@ def config_dir() -> str:
 class Learned:
     """Stands for the ensemble that the run itself trains."""
 
-    odds: PositiveFloat
+    odds: Annotated[Number, Field(gt=0, le=1000)]
     """What the odds of each placement are multiplied by when plans are judged; what to try next is chosen without."""
 
 
@@ -55,8 +55,8 @@ class Learned:
 class Config:
     """Every setting of a run. The comments in `conf/config.yaml` say what each is for."""
 
-    seed: NonNegativeInt
-    towers: PositiveInt
+    seed: Seed
+    towers: Count
     initial: Initial
     acquisition: Acquisition
     execution: Execution
@@ -71,8 +71,8 @@ class Config:
     predictor: Predictor | Learned
     tracker: Tracker
     device: str
-    threads: PositiveInt
-    sweep: str
+    threads: Few
+    sweep: Name
     objective: Objective
 
 
@@ -110,6 +110,12 @@ def check_together(config: Config) -> None:
         raise InputError(
             f"acquisition.validation is {config.acquisition.validation}; it must be less than "
             f"acquisition.towers, {config.acquisition.towers}"
+        )
+    plans = config.initial.train + (0 if config.training.early_stopping else config.initial.validation)
+    if config.training.learning_rate * config.training.weight_decay >= plans:
+        raise InputError(
+            f"training.weight_decay is {config.training.weight_decay:g}; times training.learning_rate it must be less "
+            f"than the {plans} plans that are trained on first, or no weight is left"
         )
     config.domain.check_length(config.sampler.max_length, "sampler")
     config.domain.check_length(config.evaluation.blocks, "evaluation.blocks", evaluation=True)
@@ -164,17 +170,51 @@ def no_such_key(where: str, node: DictConfig | None) -> str:
 def describe(error: pydantic.ValidationError, key: str, cfg: DictConfig) -> str:
     """One line on the first thing that is wrong: its key, its value, and what would be right."""
     first = error.errors()[0]
-    parts = [str(part) for part in first["loc"]]
-    where = ".".join([key, *parts] if key else parts)
+    where = location(first["loc"], key, cfg, last=first["type"] not in ABSENT)
     if first["type"] in ("unexpected_keyword_argument", "extra_forbidden"):
         node = OmegaConf.select(cfg, where.rpartition(".")[0]) if "." in where else cfg
         return no_such_key(where, node)
-    if first["type"] in ("missing", "missing_argument", "missing_keyword_only_argument"):
+    if first["type"] in ABSENT:
         return f"{where} is missing; give it as {where}=..."
     reason = first["msg"].removeprefix("Value error, ").replace("Input should be", "it should be")
     if first["type"] == "value_error":
         return f"{where}: {reason}" if where else reason
-    return f"{where} is {first['input']!r}; {reason}"
+    if first["type"] == "string_type" and isinstance(first["input"], int | float):
+        reason += f"; a text that looks like a number has quotes of its own: '{where}=\"{shown(first['input'])}\"'"
+    return f"{where} is {shown(first['input'])}; {reason}"
+
+
+ABSENT = ("missing", "missing_argument", "missing_keyword_only_argument")
+"""What pydantic calls a field that is not there."""
+LONG = 60
+"""Characters of a value that a line shows."""
+
+
+def location(parts: Sequence[int | str], key: str, cfg: DictConfig, last: bool) -> str:
+    """The key of what pydantic complains of, below `key`: its own words for the options of a union are left out.
+
+    last: the last part must be there, too.
+    """
+    node: Any = OmegaConf.to_container(cfg)
+    for name in filter(None, key.split(".")):
+        node = node.get(name) if isinstance(node, dict) else None
+    where = [key] if key else []
+    for number, part in enumerate(parts):
+        inside = part in node if isinstance(node, dict) else isinstance(node, list) and isinstance(part, int)
+        if inside or not (last or number < len(parts) - 1):
+            where.append(str(part))
+            node = node[part] if inside else None
+    return ".".join(where)
+
+
+def shown(value: Any) -> str:
+    """A value as one would type it, shortened if it is long."""
+    text = (
+        {None: "null", True: "true", False: "false"}[value]
+        if value is None or value is True or value is False
+        else repr(value)
+    )
+    return text if len(text) <= LONG else f"{text[: LONG - 4]} ..."
 
 
 def check_hydra(hydra: Any, schema: Any = None, prefix: str = "hydra.") -> None:

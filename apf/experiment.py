@@ -5,7 +5,6 @@ from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
-from pydantic import NonNegativeInt, PositiveFloat, PositiveInt
 
 from apf.acquisition import Sampler
 from apf.errors import Stopped
@@ -14,7 +13,7 @@ from apf.objective import figures
 from apf.planning import Evaluator
 from apf.predictor import Predictor
 from apf.rng import stream
-from apf.settings import settings
+from apf.settings import Count, CountOrNone, Seconds, settings
 from apf.store import Store
 from apf.tracking import Figures, Phase, Tracker
 from apf.worlds import World, carry_out
@@ -28,17 +27,17 @@ CHOOSING, FIRST, BUILDING, TRAINING = "choosing plans", "first towers", "buildin
 class Initial:
     """Random plans labelled before the first acquisition."""
 
-    train: PositiveInt
-    validation: PositiveInt
+    train: Count
+    validation: Count
 
 
 @settings
 class Acquisition:
     """What each acquisition adds."""
 
-    towers: PositiveInt
+    towers: Count
     """Plans proposed and executed."""
-    validation: NonNegativeInt
+    validation: CountOrNone
     """How many of them go to the validation set, drawn at random."""
 
 
@@ -46,7 +45,7 @@ class Acquisition:
 class Execution:
     """How plans are carried out."""
 
-    time_limit: PositiveFloat | None
+    time_limit: Seconds | None
     """Seconds that one plan may take in a world; None: as long as it likes."""
 
 

@@ -9,6 +9,7 @@ import pandas as pd
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
 
 TITLES = {"tallest": "Tallest tower", "overhang": "Longest overhang", "unsupported": "Maximum unsupported area"}
 PANEL = (2.6, 2.3)
@@ -105,25 +106,33 @@ def _panels(
         panels = list(grid.flat)[: len(cells)]
         for spare in grid.flat[len(cells) :]:
             spare.remove()
+        handles: dict[str, Line2D] = {}
         for number, ((quantity, curves, value), axes) in enumerate(zip(cells, panels, strict=True)):
             for group in groups:
                 line = curves[(curves[column] == value) & (curves["group"] == group)].sort_values("towers")
                 marker = MARKERS[groups.index(group) % len(MARKERS)] if len(line) < 15 else None
-                axes.plot(
-                    line["towers"], line[centre], color=colours[group], label=group, marker=marker, markersize=3.5
+                (handles[group],) = axes.plot(
+                    line["towers"], line[centre], color=colours[group], marker=marker, markersize=3.5
                 )
                 axes.fill_between(line["towers"], line[low], line[high], color=colours[group], alpha=shade, linewidth=0)
                 if outlined:
                     axes.plot(line["towers"], line[[low, high]], color=colours[group], linewidth=0.6, linestyle=":")
             if number < len(titles):
-                axes.set_title(titles[value])
+                axes.set_title(titles[value], parse_math=False)
             if number >= len(cells) - columns:
                 axes.set_xlabel("Labelled towers")
                 axes.tick_params(labelbottom=True)
             if axes in grid[:, 0]:
-                axes.set_ylabel(quantity)
+                axes.set_ylabel(quantity, parse_math=False)
         sns.despine(figure)
         if len(groups) > 1:
-            handles, labels = panels[0].get_legend_handles_labels()
-            figure.legend(handles, labels, loc="outside upper center", ncols=min(abreast, len(groups)), frameon=False)
+            legend = figure.legend(
+                list(handles.values()),
+                groups,
+                loc="outside upper center",
+                ncols=min(abreast, len(groups)),
+                frameon=False,
+            )
+            for text in legend.get_texts():  # names that a person gave, a `$` in them too
+                text.set_parse_math(False)
     return figure, panels

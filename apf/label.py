@@ -5,13 +5,12 @@ from pathlib import Path
 import hydra
 import pandas as pd
 from omegaconf import DictConfig
-from pydantic import NonNegativeInt
 
 from apf.cli import one_line_errors, run_command
 from apf.config import build, config_dir
 from apf.data import UNOBSERVED
 from apf.rng import stream
-from apf.settings import settings
+from apf.settings import Seed, settings
 from apf.tables import check_ending, write_table
 from apf.towers import read_towers
 from apf.worlds import World
@@ -24,7 +23,7 @@ class LabelConfig:
     towers: Path
     out: Path
     world: World
-    seed: NonNegativeInt
+    seed: Seed
 
 
 @hydra.main(version_base="1.3", config_path=config_dir(), config_name="label")

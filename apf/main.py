@@ -17,6 +17,7 @@ from apf.cpu import set_up_cpu
 from apf.errors import InputError
 from apf.experiment import Experiment
 from apf.files import read_yaml
+from apf.machine import check_machine, check_weights
 from apf.models import Ensemble, pick_device
 from apf.objective import must_be_number, optimises, returned
 from apf.planning import Evaluator
@@ -43,6 +44,7 @@ def job(cfg: DictConfig) -> float | tuple[float, ...] | None:
     if resuming:
         go_where_it_began(directory)
     plain_config, config = settle(cfg, kept=directory if resuming else None)
+    check_machine(config)
     set_up_cpu(config.threads)
     model = make_model(cfg, config)
     optimised = hydra_config.mode == RunMode.MULTIRUN and optimises(hydra_config, config.objective)
@@ -106,6 +108,7 @@ def make_model(cfg: DictConfig, config: Config) -> Ensemble:
     """The untrained ensemble. Raises InputError if the device or a setting of the network is wrong."""
     try:
         device = pick_device(config.device)
+        check_weights(config.model, config.domain, device)
         odds = config.predictor.odds if isinstance(config.predictor, Learned) else 1.0
         return Ensemble(config.model, config.sampler.kind, config.domain, config.training, device, odds)
     except pydantic.ValidationError as error:

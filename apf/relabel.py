@@ -7,7 +7,6 @@ from pathlib import Path
 import hydra
 import numpy as np
 from omegaconf import DictConfig, OmegaConf
-from pydantic import NonNegativeInt
 
 from apf.claim import CONFIG, JOURNAL, STATE, locked
 from apf.cli import one_line_errors, run_command
@@ -15,7 +14,7 @@ from apf.config import build, config_dir
 from apf.errors import InputError
 from apf.resume import as_literal, kept_config, shut_off
 from apf.rundir import check_blocks, reopen
-from apf.settings import settings
+from apf.settings import CountOrNone, settings
 from apf.store import VALUE, Store
 from apf.towers import TowerDomain
 from apf.worlds import are_labels
@@ -26,7 +25,7 @@ class RelabelConfig:
     """What the command is given; the comments in `conf/relabel.yaml` say what for."""
 
     run: Path
-    tower: NonNegativeInt
+    tower: CountOrNone
     labels: str
     reason: str
 

@@ -5,6 +5,7 @@ from pathlib import Path
 import pandas as pd
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from apf import figures
 from apf.files import read_yaml
@@ -29,7 +30,8 @@ def print_summary(directory: Path, console: Console) -> None:
     last = max([*regret["step"], *accuracy["step"]], default=0)
     regret, accuracy = regret[regret["step"] == last], accuracy[accuracy["step"] == last]
     towers = max([*regret["towers"], *accuracy["towers"]], default=0)
-    console.print(f"\n[bold]{towers} labelled towers[/bold] in {_duration(seconds)}", highlight=False)
+    console.print()
+    console.print(Text.assemble((f"{towers} labelled towers", "bold"), f" in {_duration(seconds)}"))
     if len(regret):
         table = Table("world", "task", "median regret", "quartiles", "standing", box=None, pad_edge=False)
         regret = regret.sort_values("world", kind="stable")
@@ -42,8 +44,8 @@ def print_summary(directory: Path, console: Console) -> None:
         table = Table("blocks", *map(str, accuracy["length"]), box=None, pad_edge=False)
         table.add_row("accuracy", *(f"{value:.3f}" for value in accuracy["accuracy"]))
         console.print(table)
-    console.print("tables, figures, weights and journal:", highlight=False)
-    console.print(str(directory), highlight=False, soft_wrap=True)
+    console.print("tables, figures, weights and journal:")
+    console.print(str(directory))
 
 
 def _duration(seconds: float) -> str:

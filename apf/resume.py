@@ -74,7 +74,7 @@ def kept_config(directory: Path) -> dict[str, Any]:
     """The plain config that a run directory keeps. Raises InputError if a key of it is none of a run's."""
     path = directory / CONFIG
     config = read_yaml(path)
-    known = Config.__dataclass_fields__  # type: ignore[attr-defined]
+    known = Config.__dataclass_fields__
     for key in config:
         if key not in known:
             raise InputError(f"{path}: {key}: there is no such key; known here: {', '.join(known)}")
@@ -134,9 +134,9 @@ def as_literal(node: Any) -> Any:
     return node
 
 
-def quoted(path: Path) -> str:
-    """A path as a value in Hydra's override grammar."""
-    return QuotedString(as_literal(str(path)), Quote.single).with_quotes()
+def quoted(value: Path | str) -> str:
+    """A path or another text as a value in Hydra's override grammar."""
+    return QuotedString(as_literal(str(value)), Quote.single).with_quotes()
 
 
 def go_where_it_began(directory: Path) -> None:

@@ -16,15 +16,16 @@ from hydra.core.utils import JobReturn
 from hydra.plugins.launcher import Launcher
 from hydra.types import HydraContext
 from omegaconf import DictConfig, OmegaConf, open_dict
-from rich.console import Console
 
 from apf.cli import FOLLOWER, MISTAKES, one_line
 from apf.config import check_hydra, settle
 from apf.errors import InputError, Stopped
 from apf.interrupts import Interrupted
+from apf.machine import check_machine, cores
 from apf.objective import Objective, must_be_number, optimises, outcome, returned
 from apf.resume import quoted
 from apf.rundir import as_typed, check, finished, hydra_arguments, output_directory
+from apf.terminal import console
 from apf.tracking import Board, ProgressFile
 from apf.tracking.progress import still
 
@@ -61,11 +62,11 @@ class Sweep:
 
     def __init__(self, context: HydraContext, config: DictConfig, jobs: int | str, engine: Launcher | None) -> None:
         """jobs: runs at once, or `auto`; for the engine, if there is one, it means nothing."""
-        if engine is None and jobs != "auto" and (not isinstance(jobs, int) or jobs < 1):
+        if engine is None and jobs != "auto" and (type(jobs) is not int or jobs < 1):
             raise InputError(f"hydra.launcher.jobs is {jobs!r}; it must be auto or a positive number")
         self.context, self.config, self.jobs, self.engine = context, config, jobs, engine
         self.directory = Path(config.hydra.sweep.dir).absolute()
-        self.console = Console(stderr=True, highlight=False, soft_wrap=True)
+        self.console = console(stderr=True)
         self.processes: list[subprocess.Popen] = []
         self.over = False
         self.optimised = optimises(config.hydra, config.get("objective"))
@@ -118,6 +119,8 @@ class Sweep:
             job_config = OmegaConf.masked_copy(config, [str(key) for key in config if key != "hydra"])
             HydraConfig.instance().set_config(config)
             values, parts = settle(job_config)
+            if self.engine is None:
+                check_machine(parts)
             job.objective, job.towers = parts.objective, parts.towers
             if check(directory, values, parts.domain):
                 job.state = "already finished"
@@ -145,11 +148,10 @@ class Sweep:
                     reason = f": {job.reason}" if job.failed else ""
                     left = f"; {still(*board.left())}" if number < total else ""
                     self.console.print(
-                        f"[{number}/{total}] {job.directory.name} {job.state}, {seconds:.0f} s{reason}{left}",
-                        markup=False,
+                        f"[{number}/{total}] {job.directory.name} {job.state}, {seconds:.0f} s{reason}{left}"
                     )
                     if crash:
-                        self.console.print(crash, markup=False)
+                        self.console.print(crash)
         finally:
             self.over = True
             pool.shutdown(wait=False, cancel_futures=True)
@@ -206,7 +208,7 @@ class Sweep:
             state = job.state or "not finished"
             reason = f": {job.reason}" if job.reason else ""
             value = f": {job.value}" if job.value is not None else ""
-            self.console.print(f"{state:<17} {job.directory.name}{reason or value}", markup=False)
+            self.console.print(f"{state:<17} {job.directory.name}{reason or value}")
 
 
 def run_here(cfg: DictConfig) -> str:
@@ -289,8 +291,3 @@ def explain(code: int, said: str) -> tuple[str, str]:
     if last.startswith("interrupted"):
         return "interrupted", ""
     return f"exit code {code}" + (f": {last}" if trace else ""), trace
-
-
-def cores() -> int:
-    """Processor cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -3,15 +3,14 @@
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-from pydantic import Field, PositiveInt, model_validator
+from pydantic import model_validator
 
 from apf.data import Domain, Labelled
-from apf.settings import settings
+from apf.settings import Length, Many, settings
 
-Length = Annotated[int, Field(ge=2)]
 ScoreOf = Callable[[Any], np.ndarray]
 """Plans of one length -> [N] scores."""
 
@@ -73,7 +72,7 @@ def top(n: int, pools: Sequence[Any], score: ScoreOf) -> list[Scored]:
 class RandomPlans(Candidates):
     """Complete plans, drawn at random from A."""
 
-    n: PositiveInt
+    n: Many
     lengths: Lengths
 
     @property
@@ -94,7 +93,7 @@ class GreedyExtensions(Candidates):
     and keeps the one of highest score, with no regard to whether what it builds on would stand.
     """
 
-    n: PositiveInt
+    n: Many
     longest: Length
 
     @property
@@ -124,7 +123,7 @@ class FeasiblePrefixExtensions(Candidates):
     candidates, as far as the data hold prefixes of it.
     """
 
-    n: PositiveInt
+    n: Many
     longest: Length
 
     @property

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import torch
-from pydantic import PositiveInt
 from safetensors import SafetensorError
 from safetensors.torch import load_file, save_file
 from torch import Tensor
@@ -19,7 +18,7 @@ from apf.models.layers import EnsembleNetwork
 from apf.models.training import History, Training, fit
 from apf.predictor import Predictor
 from apf.rng import torch_generator
-from apf.settings import settings
+from apf.settings import Few, settings
 
 CHUNK = 6144
 """Pairs of blocks that one member looks at together: activations then stay in the cache."""
@@ -39,7 +38,7 @@ ON_GPU = 2**20
 class EnsembleSettings:
     """How many networks, and of which architecture."""
 
-    members: PositiveInt
+    members: Few
     """N in the paper: theta_1 .. theta_N."""
     network: Callable[..., EnsembleNetwork]
     """Makes the stacked network, given `members`, `n_features` and `n_position`."""

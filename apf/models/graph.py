@@ -17,6 +17,7 @@ from apf.imports import put_off
 from apf.models.graph_vjp import written_out
 from apf.models.layers import VJP, EnsembleLinear, EnsembleNetwork, affine
 from apf.models.prefixes import PrefixGraph, prefix_graph
+from apf.settings import Few, Width
 
 with put_off("torch._dynamo"):  # the compiler: two of five seconds of a start
     from torch_geometric.nn import MessagePassing
@@ -72,9 +73,7 @@ class GraphNetwork(EnsembleNetwork):
     both_ways: bool
 
     @validate_call
-    def __init__(
-        self, *, members: PositiveInt, n_features: PositiveInt, n_position: PositiveInt, hidden: PositiveInt
-    ) -> None:
+    def __init__(self, *, members: Few, n_features: PositiveInt, n_position: PositiveInt, hidden: Width) -> None:
         super().__init__()
         self.hidden = hidden
         self.n_own = n_own = n_features - n_position

@@ -12,6 +12,7 @@ from torch import Tensor, nn
 
 from apf.models.layers import VJP, EnsembleLinear, EnsembleNetwork, affine
 from apf.models.lstm_vjp import ended, tanh, written_out
+from apf.settings import Few, Width
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,11 +38,11 @@ class LSTMNetwork(EnsembleNetwork):
     def __init__(
         self,
         *,
-        members: PositiveInt,
+        members: Few,
         n_features: PositiveInt,
         n_position: PositiveInt,
-        hidden: PositiveInt,
-        layers: PositiveInt,
+        hidden: Width,
+        layers: Few,
     ) -> None:
         super().__init__()
         self.hidden = hidden

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import numpy as np
 import torch
-from pydantic import Field, NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt
+from pydantic import Field
 from torch import Tensor
 from torch.nn.functional import binary_cross_entropy_with_logits
 from torch.nn.utils import parameters_to_vector
@@ -17,7 +17,7 @@ from apf.data import Examples
 from apf.models.layers import EnsembleNetwork
 from apf.models.optimiser import AdamW
 from apf.models.replay import Replayed, Step
-from apf.settings import settings
+from apf.settings import Count, CountOrNone, Many, Number, settings
 
 CHECK = 50
 """Updates between two looks at the validation loss."""
@@ -32,21 +32,21 @@ class Training:
     labelled; weight decay and the running mean keep them from overfitting.
     """
 
-    learning_rate: PositiveFloat = 1e-2
-    warmup: NonNegativeInt = 100
+    learning_rate: Annotated[Number, Field(gt=0, le=10)] = 1e-2
+    warmup: CountOrNone = 100
     """Updates during which the learning rate rises to that. With large first steps some members die: their units fall
     silent, and they say the same of every plan."""
-    weight_decay: NonNegativeFloat = 40
+    weight_decay: Annotated[Number, Field(ge=0, le=1000000000.0)] = 40
     """An update takes learning_rate x weight_decay / labelled plans of each weight: like a prior, it counts for less
     the more there is to learn from."""
-    batch: PositiveInt = 64
+    batch: Many = 64
     """Labels in a batch of one member, about: a batch holds plans of one length."""
-    updates: PositiveInt = 1000
-    averaging: Annotated[float, Field(ge=0, lt=1)] = 0.99
+    updates: Count = 1000
+    averaging: Annotated[Number, Field(ge=0, lt=1)] = 0.99
     """Share of the running mean of weights that an update leaves as it was; 0: no mean."""
     early_stopping: bool = False
     """Hold out the validation plans, and keep each member's weights of their lowest loss (Section Learning)?"""
-    patience: PositiveInt | None = None
+    patience: Count | None = None
     """Updates after the last of these lowest losses, of whichever member, until such a training ends; None: all."""
 
     def rates(self) -> list[tuple[float, float]]:

@@ -5,18 +5,21 @@ from typing import Annotated
 
 import numpy as np
 import pandas as pd
-from pydantic import AfterValidator, Field, NonNegativeInt, PositiveInt
+from pydantic import AfterValidator, Field
 
 from apf.planning.planner import MonteCarloPlanner
 from apf.predictor import Predictor
 from apf.rng import stream
-from apf.settings import settings
+from apf.settings import Count, CountOrNone, Length, Seed, settings
 from apf.tasks import Task
 from apf.towers import TowerDomain, Towers
 from apf.worlds import World, carry_out
 
 REGRET_COLUMNS = ["step", "towers", "task", "problem", "world", "value", "best_value", "regret", "feasible"]
 ACCURACY_COLUMNS = ["step", "towers", "length", "accuracy", "auc", "n"]
+
+PLANNING, TESTING = "planning", "testing"
+"""Kinds of work, as trackers show them."""
 
 
 def _even(n: int) -> int:
@@ -25,25 +28,28 @@ def _even(n: int) -> int:
     return n
 
 
-PLANNING, TESTING = "planning", "testing"
-"""Kinds of work, as trackers show them."""
+def _each_once(lengths: list[int]) -> list[int]:
+    twice = [length for i, length in enumerate(lengths) if length in lengths[:i]]
+    if twice:
+        raise ValueError(f"{twice[0]} stands twice; each length once")
+    return lengths
 
 
 @settings
 class EvaluationSettings:
     """When and on what to evaluate. Problems and test sets depend on `seed` alone: they are the same in all runs."""
 
-    every: PositiveInt
+    every: Count
     """Labelled plans between two evaluations; the last step is always evaluated."""
-    problems: NonNegativeInt
+    problems: CountOrNone
     """Planning problems, the same for each task."""
-    blocks: Annotated[int, Field(ge=2)]
+    blocks: Length
     """Blocks of a problem; a plan uses all of them."""
-    lengths: list[Annotated[int, Field(ge=2)]]
+    lengths: Annotated[list[Length], AfterValidator(_each_once)]
     """Tower lengths to report accuracy for."""
-    test_towers: Annotated[int, Field(ge=0), AfterValidator(_even)]
+    test_towers: Annotated[CountOrNone, AfterValidator(_even)]
     """Towers of each length, half of them feasible."""
-    seed: NonNegativeInt
+    seed: Seed
     worlds: Annotated[dict[str, World], Field(min_length=1)]
     """Where a chosen tower is executed for its reward, each by a name of its own."""
 

@@ -6,10 +6,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from pydantic import PositiveInt
 
 from apf.predictor import Predictor
-from apf.settings import settings
+from apf.settings import Many, settings
 from apf.tasks import Task
 
 ROUNDS = ((0.2, 0.5), (1.0,))
@@ -120,11 +119,11 @@ class Pool:
 class MonteCarloPlanner:
     """argmax of P(phi = 1 | a) V(a) over random candidates."""
 
-    candidates: PositiveInt
+    candidates: Many
     """Random plans considered for each problem."""
-    first: PositiveInt = 1024
+    first: Many = 1024
     """Plans of the first wave, which is to find a good one; the next waves are larger."""
-    chunk: PositiveInt = 32768
+    chunk: Many = 32768
     """Plans of the largest wave: bounds memory."""
 
     def pool(self, candidates: Any, predictor: Predictor, rng: np.random.Generator) -> Pool:

@@ -1,10 +1,12 @@
 """Predictors that know the physics: the baselines that a learned one is compared with (Section Real Robot)."""
 
+from typing import Annotated
+
 import numpy as np
-from pydantic import PositiveFloat, PositiveInt
+from pydantic import Field
 
 from apf.predictor import Predictor
-from apf.settings import settings
+from apf.settings import Deviation, Few, settings
 from apf.towers import Towers, standing_prefixes, stands
 
 
@@ -27,8 +29,8 @@ class AnalyticPredictor(Predictor):
 class SimulationPredictor(Predictor):
     """The paper's Simulation model: feasible only if the tower stands under every one of several perturbations."""
 
-    perturbations: PositiveInt = 10
-    noise: PositiveFloat = 0.005
+    perturbations: Few = 10
+    noise: Annotated[Deviation, Field(gt=0)] = 0.005
     """Standard deviation of each block's x and y [m]."""
 
     random = True

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from pydantic import AfterValidator, Field, NonNegativeInt, PositiveFloat, PositiveInt
+from pydantic import AfterValidator, Field
 
 from apf.errors import InputError
 from apf.rng import stream
-from apf.settings import settings
+from apf.settings import Name, Number, Seed, Whole, settings
 from apf.towers.rotations import ROTATIONS
 
 
@@ -83,23 +83,24 @@ def _from_low_to_high(bounds: tuple[float, float]) -> tuple[float, float]:
     return bounds
 
 
-Range = Annotated[tuple[PositiveFloat, PositiveFloat], AfterValidator(_from_low_to_high)]
+Side = Annotated[Number, Field(ge=0.0001, le=10)]
+Mass = Annotated[Number, Field(ge=0.000001, le=10_000)]
 
 
 @settings
 class BlockSource:
     """Where a block set comes from: a file, or the published distribution, fixed by a seed of its own."""
 
-    blocks: PositiveInt = 10
+    blocks: Annotated[Whole, Field(ge=1, le=10000)] = 10
     """How many to draw."""
-    seed: NonNegativeInt = 0
-    prefix: str = "block"
+    seed: Seed = 0
+    prefix: Name = "block"
     """Blocks are named prefix_00, prefix_01, ..."""
-    side: Range = (0.05, 0.15)
+    side: Annotated[tuple[Side, Side], AfterValidator(_from_low_to_high)] = (0.05, 0.15)
     """Range of each side [m]."""
-    mass: Range = (0.1, 1.0)
+    mass: Annotated[tuple[Mass, Mass], AfterValidator(_from_low_to_high)] = (0.1, 1.0)
     """Range of the mass [kg]."""
-    com_share: Annotated[float, Field(ge=0, lt=1)] = 0.9
+    com_share: Annotated[Number, Field(ge=0, lt=1)] = 0.9
     """The centre of mass lies in this middle share of the block, on each axis."""
     file: Path | None = None
     """A block file (CSV or parquet) to use instead of random blocks."""

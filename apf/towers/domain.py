@@ -9,14 +9,14 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 import pandas as pd
-from pydantic import Field, NonNegativeInt
+from pydantic import Field
 
 from apf.errors import InputError
-from apf.settings import settings
+from apf.settings import Whole, settings
 from apf.towers.balanced import balanced_towers
 from apf.towers.blocks import BlockSet, BlockSource
 from apf.towers.features import N_FEATURES, N_POSITION, features, mirrored, weighed
@@ -36,7 +36,7 @@ class TowerDomain:
     offset: Offset = Field(default_factory=Offset)
     mirror: bool = True
     """Train on mirror images too? What stands, stands in a mirror."""
-    mass_scales: NonNegativeInt = 4
+    mass_scales: Annotated[Whole, Field(ge=0, le=100)] = 4
     """Train on each tower with its masses scaled so many ways, instead of its own? What stands, stands if every block
     weighs twice as much. 0: its own masses."""
 
@@ -78,8 +78,8 @@ class TowerDomain:
     def kept_in(self, directory: Path) -> "TowerDomain":
         """This domain with the block sets that `keep` wrote into a directory, wherever they came from at first."""
         files = zip((self.training, self.evaluation), self._names, strict=True)
-        training, evaluation = (replace(source, file=directory / name) for source, name in files)  # type: ignore[type-var]
-        return replace(self, training=training, evaluation=evaluation)  # type: ignore[type-var]
+        training, evaluation = (replace(source, file=directory / name) for source, name in files)
+        return replace(self, training=training, evaluation=evaluation)
 
     @property
     def digests(self) -> dict[str, str]:

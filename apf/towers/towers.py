@@ -6,9 +6,9 @@ from functools import cached_property
 from typing import Annotated
 
 import numpy as np
-from pydantic import Field, PositiveFloat
+from pydantic import Field
 
-from apf.settings import settings
+from apf.settings import Number, settings
 from apf.towers.blocks import BlockSet
 from apf.towers.rotations import ROTATIONS, TURN
 
@@ -17,9 +17,9 @@ from apf.towers.rotations import ROTATIONS, TURN
 class Offset:
     """Distribution of a random placement's x-y offset from the block below, in units of half the summed sides."""
 
-    sd: PositiveFloat = 0.5
+    sd: Annotated[Number, Field(gt=0, le=10)] = 0.5
     """Standard deviation, before clipping."""
-    limit: Annotated[float, Field(gt=0, lt=1)] = 0.95
+    limit: Annotated[Number, Field(gt=0, lt=1)] = 0.95
     """Largest offset: below 1 neighbours always touch."""
 
     def draw(self, sum_of_sides: np.ndarray, rng: np.random.Generator) -> np.ndarray:

@@ -5,7 +5,7 @@ import sys
 import time
 from collections.abc import Mapping
 
-from rich.console import Console, RenderableType
+from rich.console import RenderableType
 from rich.live import Live
 from rich.progress_bar import ProgressBar
 from rich.spinner import Spinner
@@ -13,6 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from apf.errors import InputError, Stopped
+from apf.terminal import console
 from apf.tracking.base import Figures, RunInfo, Tracker
 from apf.tracking.progress import Estimate, Progress, ProgressFile, times
 
@@ -41,7 +42,7 @@ class ConsoleTracker(Tracker):
     """A progress bar on a terminal, plain lines elsewhere; and the same lines in run.log."""
 
     def __init__(self) -> None:
-        self.console = Console(stderr=True)
+        self.console = console(stderr=True)
         self._estimate = Estimate()
         self._told = ProgressFile()
         self._now = ("starting", 0)
@@ -119,6 +120,6 @@ class ConsoleTracker(Tracker):
         """One line on the terminal and in run.log."""
         log.info(line)
         if self._live:
-            self._live.console.print(line, markup=False, highlight=False, soft_wrap=True)
+            self._live.console.print(line)
         else:
             print(line, file=sys.stderr, flush=True)

@@ -1,9 +1,8 @@
 """The noisy world: each block lands a little off, then the analytic rule decides."""
 
 import numpy as np
-from pydantic import NonNegativeFloat
 
-from apf.settings import settings
+from apf.settings import Deviation, settings
 from apf.towers import Towers, standing_prefixes
 from apf.worlds.base import World, labels_from
 
@@ -12,7 +11,7 @@ from apf.worlds.base import World, labels_from
 class NoisyWorld(World):
     """Placement noise on each block's absolute x and y, independent and normal."""
 
-    noise: NonNegativeFloat
+    noise: Deviation
     """Standard deviation [m]."""
 
     def execute(self, plans: Towers, rng: np.random.Generator) -> np.ndarray:

@@ -4,14 +4,14 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import imageio.v2 as imageio
 import numpy as np
-from pydantic import PositiveFloat, PositiveInt
+from pydantic import Field
 
 from apf.errors import InputError
-from apf.settings import settings
+from apf.settings import Coordinate, Metres, Number, Whole, settings
 from apf.worlds.panda.reality import Reality
 
 ENDINGS = (".mp4", ".gif")
@@ -22,22 +22,22 @@ BACKGROUND = (236, 238, 240)
 class Camera:
     """From where, and how large."""
 
-    width: PositiveInt = 640
+    width: Annotated[Whole, Field(ge=16, le=4096)] = 640
     """[pixels]"""
-    height: PositiveInt = 480
-    target: tuple[float, float, float] = (0.22, 0.0, 0.25)
+    height: Annotated[Whole, Field(ge=16, le=4096)] = 480
+    target: tuple[Coordinate, Coordinate, Coordinate] = (0.22, 0.0, 0.25)
     """The middle of the picture [m]."""
-    distance: PositiveFloat = 1.55
+    distance: Metres = 1.55
     """From there [m]."""
-    yaw: float = 52.0
+    yaw: Annotated[Number, Field(ge=-360, le=360)] = 52.0
     """[deg] around it."""
-    pitch: float = -26.0
+    pitch: Annotated[Number, Field(ge=-90, le=90)] = -26.0
     """[deg] above it, negative."""
-    view: PositiveFloat = 42.0
+    view: Annotated[Number, Field(gt=0, lt=180)] = 42.0
     """Angle of view [deg], up and down."""
-    fps: PositiveInt = 20
+    fps: Annotated[Whole, Field(ge=1, le=240)] = 20
     """Pictures in a second of the film."""
-    speed: PositiveFloat = 4.0
+    speed: Annotated[Number, Field(ge=0.01, le=1000)] = 4.0
     """Simulated seconds in a second of the film."""
 
 

@@ -1,11 +1,12 @@
 """How a gripper with two parallel fingers can hold a cuboid."""
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
-from pydantic import PositiveFloat
+from pydantic import Field
 
-from apf.settings import settings
+from apf.settings import Number, settings
 from apf.worlds.panda.geometry import pose
 
 ANGLES = np.deg2rad(np.arange(0, 360, 15))
@@ -18,13 +19,13 @@ FINGERTIP = 0.008
 class Gripper:
     """The hand, and how it holds."""
 
-    widest: PositiveFloat = 0.075
+    widest: Annotated[Number, Field(gt=0, le=0.08)] = 0.075
     """The longest side that it takes between the fingers [m]; they open to 0.08 m."""
-    depth: PositiveFloat = 0.036
+    depth: Annotated[Number, Field(gt=0, le=0.1)] = 0.036
     """A block reaches this far [m] past the grasp target towards the palm, at most."""
-    force: PositiveFloat = 40.0
+    force: Annotated[Number, Field(gt=0, le=1000)] = 40.0
     """Of each finger [N]."""
-    friction: PositiveFloat = 1.0
+    friction: Annotated[Number, Field(gt=0, le=10)] = 1.0
     """Coefficient of the fingers' pads; a contact has the product of both bodies' coefficients."""
 
 

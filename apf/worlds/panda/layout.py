@@ -4,13 +4,13 @@ from functools import cached_property
 from typing import Annotated
 
 import numpy as np
-from pydantic import Field, PositiveFloat, model_validator
+from pydantic import Field, model_validator
 
-from apf.settings import settings
+from apf.settings import Coordinate, Metres, Number, settings
 from apf.worlds.panda.geometry import pose
 
-Interval = tuple[float, float]
-Angles = list[Annotated[float, Field(gt=-160, lt=160)]]
+Interval = tuple[Coordinate, Coordinate]
+Angles = Annotated[list[Annotated[Number, Field(gt=-160, lt=160)]], Field(max_length=1000)]
 
 HOMES = (60.0, -70.0, 80.0, -90.0, 100.0, -110.0, 120.0, -130.0, 140.0, -150.0)
 """[deg] left and right in turn, so that every number of blocks is stored on both sides."""
@@ -23,15 +23,15 @@ class Layout:
     table_x: Interval = (-0.75, 0.95)
     """From where to where the table reaches."""
     table_y: Interval = (-0.95, 0.95)
-    base: tuple[float, float] = (0.45, 0.0)
+    base: tuple[Coordinate, Coordinate] = (0.45, 0.0)
     """Where the origin of a tower's coordinates lies."""
-    pedestal: tuple[float, float] = (0.4, -0.28)
-    pedestal_size: tuple[PositiveFloat, PositiveFloat, PositiveFloat] = (0.09, 0.09, 0.10)
-    homes_radius: PositiveFloat = 0.56
+    pedestal: tuple[Coordinate, Coordinate] = (0.4, -0.28)
+    pedestal_size: tuple[Metres, Metres, Metres] = (0.09, 0.09, 0.10)
+    homes_radius: Metres = 0.56
     """Of the arc around the robot on which the blocks are stored."""
     homes_at: Angles = Field(default_factory=lambda: list(HOMES))
     """[deg] where on the arc each block's place is, in the order of the set."""
-    margin: PositiveFloat = 0.08
+    margin: Metres = 0.08
     """What stands on the table keeps this far from its edges."""
 
     @model_validator(mode="after")

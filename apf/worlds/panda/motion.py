@@ -2,14 +2,15 @@
 
 from collections.abc import Callable, Collection
 from itertools import pairwise
+from typing import Annotated
 
 import numpy as np
 from ompl import base as ob
 from ompl import geometric as og
 from ompl import util as ou
-from pydantic import NonNegativeFloat, PositiveFloat, PositiveInt
+from pydantic import Field
 
-from apf.settings import settings
+from apf.settings import Count, Number, settings
 from apf.worlds.panda.belief import Belief, Held
 from apf.worlds.panda.kinematics import JOINTS, LOWER, REST, UPPER
 
@@ -24,18 +25,18 @@ END = 0.05
 class MotionSettings:
     """How motions are looked for."""
 
-    clearance: NonNegativeFloat = 0.008
+    clearance: Annotated[Number, Field(ge=0, le=1)] = 0.008
     """From everything, in a motion from place to place [m]."""
-    near: NonNegativeFloat = 0.001
+    near: Annotated[Number, Field(ge=0, le=1)] = 0.001
     """From everything but the block itself, in approach, lift, lower, retreat [m]."""
-    step: PositiveFloat = 0.025
+    step: Annotated[Number, Field(ge=0.001, le=1)] = 0.025
     """Collisions are checked at points this far apart [rad], in the joint that moves most: at the arm's full length
     about two clearances, so that nothing is passed through in between."""
-    reach: PositiveFloat = 0.6
+    reach: Annotated[Number, Field(ge=0.01, le=10)] = 0.6
     """Longest branch of the tree [rad]."""
-    iterations: PositiveInt = 1500
+    iterations: Count = 1500
     """Of the planner, after which it gives up."""
-    shortcuts: PositiveInt = 40
+    shortcuts: Count = 40
     """Attempts to shorten what it found."""
 
 

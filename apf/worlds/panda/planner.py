@@ -10,9 +10,8 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from pydantic import PositiveInt
 
-from apf.settings import settings
+from apf.settings import Count, settings
 from apf.towers import ROTATIONS, BlockSet
 from apf.worlds.panda.belief import Belief
 from apf.worlds.panda.geometry import about_z, pose
@@ -34,11 +33,11 @@ PEDESTAL_MARGIN = 0.01
 class Search:
     """How long a plan is looked for."""
 
-    stations: PositiveInt = 150
+    stations: Count = 150
     """Stations that samplers may try for one plan."""
-    pairs: PositiveInt = 40
+    pairs: Count = 40
     """Grasps that are tried for a plan without regrasping."""
-    chains: PositiveInt = 12
+    chains: Count = 12
     """Task plans whose motions are looked for."""
 
 

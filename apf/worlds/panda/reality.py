@@ -2,12 +2,12 @@
 
 from collections.abc import Callable
 from itertools import pairwise
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import PositiveFloat, PositiveInt
+from pydantic import Field
 
-from apf.settings import settings
+from apf.settings import Few, Number, Whole, settings
 from apf.towers import BlockSet
 from apf.worlds.panda.geometry import from_vector, inverse, to_vector
 from apf.worlds.panda.grasps import Gripper
@@ -27,11 +27,11 @@ FINGERS_STOPPED = 0.002
 class Physics:
     """How the simulation is stepped."""
 
-    rate: PositiveInt = 240
+    rate: Annotated[Whole, Field(ge=60, le=10000)] = 240
     """Steps in a second."""
-    iterations: PositiveInt = 200
+    iterations: Few = 200
     """Of the contact solver in each step; with PyBullet's usual 50 towers creep."""
-    friction: PositiveFloat = 0.6
+    friction: Annotated[Number, Field(gt=0, le=10)] = 0.6
     """Coefficient of blocks, table and pedestal."""
 
 
@@ -39,11 +39,11 @@ class Physics:
 class Arm:
     """How fast the joints move."""
 
-    speed: PositiveFloat = 1.5
+    speed: Annotated[Number, Field(ge=0.01, le=10)] = 1.5
     """[rad/s] of the fastest joint."""
-    acceleration: PositiveFloat = 6.0
+    acceleration: Annotated[Number, Field(ge=0.01, le=100)] = 6.0
     """[rad/s^2] of the fastest joint."""
-    careful: PositiveFloat = 0.6
+    careful: Annotated[Number, Field(ge=0.01, le=10)] = 0.6
     """[rad/s] near blocks: approach, lift, lower, retreat."""
 
 

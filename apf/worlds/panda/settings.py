@@ -3,18 +3,18 @@
 from enum import StrEnum
 from typing import Annotated
 
-from pydantic import Field, NonNegativeFloat, PositiveFloat, PositiveInt
+from pydantic import Field
 
-from apf.settings import settings
+from apf.settings import Degrees, Deviation, Few, Number, settings
 
 
 @settings
 class Sight:
     """Errors of a pose estimate: they stand in for cameras."""
 
-    position: NonNegativeFloat = 0.0005
+    position: Deviation = 0.0005
     """[m] standard deviation on each axis."""
-    rotation: NonNegativeFloat = 0.2
+    rotation: Annotated[Number, Field(ge=0, le=180)] = 0.2
     """[deg] standard deviation about each axis."""
 
 
@@ -24,13 +24,13 @@ class Handling:
 
     correct: bool = True
     """Look at the block in the hand before it is lowered, and correct for how it lies there."""
-    gap: NonNegativeFloat = 0.001
+    gap: Annotated[Number, Field(ge=0, le=0.1)] = 0.001
     """It is let go this far above where it will lie [m]."""
-    pause: NonNegativeFloat = 0.1
+    pause: Annotated[Number, Field(ge=0, le=60)] = 0.1
     """Before the gripper opens [s]."""
-    width: PositiveFloat = 0.006
+    width: Annotated[Number, Field(gt=0, le=0.1)] = 0.006
     """It is not held if the fingers are wider or narrower than its side by so much [m]."""
-    slip: PositiveFloat = 0.03
+    slip: Annotated[Number, Field(gt=0, le=1)] = 0.03
     """It is lost if it lies so far from where it should in the hand [m]."""
 
 
@@ -38,11 +38,11 @@ class Handling:
 class Judging:
     """When a prefix stands: the last block is where it should be."""
 
-    settle: PositiveFloat = 1.0
+    settle: Annotated[Number, Field(gt=0, le=60)] = 1.0
     """Seconds after a placement, simulated."""
-    position: PositiveFloat = 0.02
+    position: Annotated[Number, Field(gt=0, le=1)] = 0.02
     """[m] it may be away from its place."""
-    rotation: Annotated[float, Field(gt=0, lt=90)] = 12.0
+    rotation: Annotated[Number, Field(gt=0, lt=90)] = 12.0
     """[deg] it may be turned."""
 
 
@@ -61,11 +61,11 @@ class Help(StrEnum):
 class Recovery:
     """How often the robot tries again."""
 
-    attempts: PositiveInt = 4
+    attempts: Few = 4
     """To place a block of a tower, before the plan is given up."""
-    tries: PositiveInt = 5
+    tries: Few = 5
     """To bring a block home, before a person is needed."""
-    home_position: PositiveFloat = 0.015
+    home_position: Annotated[Number, Field(gt=0, le=1)] = 0.015
     """A block is at home if it seems to be so near to its place [m], four standard deviations of the estimate added,"""
-    home_rotation: PositiveFloat = 8.0
+    home_rotation: Degrees = 8.0
     """and so little turned [deg]."""

@@ -4,13 +4,13 @@ from pathlib import Path
 
 import hydra
 from omegaconf import DictConfig
-from pydantic import Field, NonNegativeInt
+from pydantic import Field
 
 from apf.cli import one_line_errors, run_command
 from apf.config import build, config_dir
 from apf.errors import InputError
 from apf.rng import stream
-from apf.settings import settings
+from apf.settings import CountOrNone, Seed, settings
 from apf.towers import Towers, read_towers
 from apf.worlds import World
 from apf.worlds.panda.film import Camera, filming
@@ -22,9 +22,9 @@ class ShowConfig:
     """What the command is given; the comments in `conf/show.yaml` say what for."""
 
     tower: Path
-    number: NonNegativeInt
+    number: CountOrNone
     out: Path
-    seed: NonNegativeInt
+    seed: Seed
     gui: bool
     world: World
     camera: Camera = Field(default_factory=Camera)

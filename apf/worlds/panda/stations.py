@@ -2,11 +2,12 @@
 
 from collections.abc import Collection
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
-from pydantic import PositiveFloat, PositiveInt
+from pydantic import Field
 
-from apf.settings import settings
+from apf.settings import Degrees, Few, Number, settings
 from apf.worlds.panda.belief import Belief, Held
 from apf.worlds.panda.geometry import inverse, moved
 from apf.worlds.panda.grasps import Grasp
@@ -22,13 +23,13 @@ OVERLAP = 0.004
 class Reach:
     """How the hand comes to a block and leaves it."""
 
-    approach: PositiveFloat = 0.07
+    approach: Annotated[Number, Field(gt=0, le=1)] = 0.07
     """Straight along the fingers, the last so many metres."""
-    lift: PositiveFloat = 0.10
+    lift: Annotated[Number, Field(gt=0, le=1)] = 0.10
     """Straight up with the block, the first so many metres."""
-    tilt: PositiveFloat = 50.0
+    tilt: Degrees = 50.0
     """From straight down, at most [deg]."""
-    solutions: PositiveInt = 4
+    solutions: Few = 4
     """Solutions of the inverse kinematics that are tried for a grasp."""
 
 
