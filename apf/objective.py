@@ -19,7 +19,7 @@ OPTIMISERS = ("optuna", "ax", "nevergrad")
 
 def _listed(value: Any) -> Any:
     names = [] if value is None else [value] if isinstance(value, str) else value
-    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+    if not isinstance(names, list | tuple) or not all(isinstance(name, str) for name in names):
         raise ValueError(f"it should be the name of a figure, a list of names, or null, not {value!r}")
     return tuple(names)
 
