@@ -55,7 +55,7 @@ class TowerDomain:
     def keep(self, directory: Path) -> None:
         """Write both block sets into a run directory: what was labelled stays tied to them."""
         for name, blocks in self._sets().items():
-            write_blocks(blocks, directory / name)
+            write_blocks(blocks, directory / name, units=True)
 
     def check_kept(self, directory: Path) -> None:
         """Raises InputError if a block set is not the one that `keep` wrote."""
