@@ -85,21 +85,26 @@ def read_table(path: Path, numbers: Sequence[str], names: Sequence[str], units: 
     empty or has line breaks or other control characters in it.
     """
     check_ending(path)
-    needed = [*names, *numbers]
     try:
-        read = _read_csv if path.suffix == ".csv" else _read_parquet
-        headers, columns, row, decimal_comma = read(path, needed)
-        place, given = _find(path, headers, needed, units)
-        found = {column: _flat(path, column, columns[place[column]]) for column in needed}
+        return _read(path, numbers, names, units)
     except FileNotFoundError:
         raise InputError(f"{path}: no such file") from None
     except (OSError, ValueError, NotImplementedError, pa.ArrowException) as error:
         reason = getattr(error, "strerror", None) or next(iter(str(error).splitlines()), type(error).__name__)
-        raise InputError(f"{path}: cannot be read as a table: {reason}") from None
+        raise InputError(f"{path}: cannot be read as a table: {shown(reason, 300)}") from None
+
+
+def _read(path: Path, numbers: Sequence[str], names: Sequence[str], units: Mapping[str, str]) -> Table:
+    """As `read_table`; what is wrong with bytes rather than values is still a library's exception."""
+    needed = [*names, *numbers]
+    headers, columns, row, decimal_comma = (_read_csv if path.suffix == ".csv" else _read_parquet)(path, needed)
+    place, given = _find(path, headers, needed, units)
+    found = {column: _flat(path, column, columns[place[column]]) for column in needed}
+    del columns
     table = Table(path, {}, {}, given, row)
     for column in names:
-        table.names[column] = _names(table, column, found[column])
-    table.numbers.update(_numbers(table, {column: found[column] for column in numbers}, decimal_comma))
+        table.names[column] = _names(table, column, found.pop(column))
+    table.numbers.update(_numbers(table, found, decimal_comma))
     for column, unit in given.items():
         if column in table.numbers and PARTS[units[column]][unit] != 1:
             table.numbers[column] /= PARTS[units[column]][unit]
@@ -125,11 +130,11 @@ def write_table(table: pd.DataFrame, path: Path, units: Mapping[str, str] | None
         raise InputError(f"{path}: cannot be written: {error.strerror}") from None
 
 
-def shown(value: object) -> str:
-    """A value of a file, for a message: in one line, and not too long."""
+def shown(value: object, length: int = 60) -> str:
+    """A value of a file, for a message: in one line, and no longer than `length`."""
     text = "(empty)" if value is None else str(value)
     text = text if text.isprintable() else ascii(text)
-    return text if len(text) <= 60 else f"{text[:57]}..."
+    return text if len(text) <= length else f"{text[: length - 3]}..."
 
 
 Content = tuple[list[str], Mapping[int, pa.ChunkedArray], Callable[[int], int], bool]
@@ -198,7 +203,7 @@ def _find(
             f"did you mean it by {shown(others[close[0]])}? Its header must be {missing[0]}"
             + (f" or, say, {missing[0]} [{list(PARTS[units[missing[0]]])[-1]}]" if missing[0] in units else "")
             if close
-            else f"there are {shown(', '.join(h for h in headers if h.strip()))}"
+            else f"there are {shown(', '.join(h for h in headers if h.strip()), 300)}"
         )
         raise InputError(f"{path}: column {', '.join(missing)} is missing; {remedy}")
     return place, given
