@@ -1,8 +1,10 @@
 """python -m apf.label: label every prefix of somebody's own towers."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import hydra
+import numpy as np
 import pandas as pd
 from omegaconf import DictConfig
 
@@ -12,7 +14,7 @@ from apf.data import UNOBSERVED
 from apf.rng import stream
 from apf.settings import Seed, settings
 from apf.tables import check_ending, write_table
-from apf.towers import read_towers
+from apf.towers.files import NamedTowers, read_towers
 from apf.worlds import World
 
 
@@ -32,18 +34,32 @@ def job(cfg: DictConfig) -> None:
     """Read, execute, write one row per placement: tower, position, label (empty after the first fall)."""
     config = build(cfg, LabelConfig)
     check_ending(config.out)
-    parts = []
-    for batch in read_towers(config.towers):
-        labels = config.world.execute(batch.towers, stream(config.seed, "label", batch.towers.length))
-        part = pd.DataFrame(labels).melt(var_name="position", value_name="label", ignore_index=False)
-        part.insert(0, "tower", pd.Series(batch.names))
-        part["order"] = pd.Series(batch.order)
-        parts.append(part)
-    table = pd.concat(parts).sort_values(["order", "position"], ignore_index=True)[["tower", "position", "label"]]
-    table["label"] = table["label"].astype("Int8").mask(table["label"] == UNOBSERVED)
-    write_table(table, config.out)
-    stood = table.groupby("tower")["label"].min().fillna(0).eq(1)
-    print(f"{config.out}: {len(stood)} towers labelled, {int(stood.sum())} of them stand")
+    batches = read_towers(config.towers)
+    labels = [config.world.execute(b.towers, stream(config.seed, "label", b.towers.length)) for b in batches]
+    write_table(label_table(batches, labels), config.out)
+    stood = sum(int((found == 1).all(1).sum()) for found in labels)
+    print(f"{config.out}: {sum(map(len, labels))} towers labelled, {stood} of them stand")
+
+
+def label_table(batches: Sequence[NamedTowers], labels: Sequence[np.ndarray]) -> pd.DataFrame:
+    """One row per placement: tower, position, label (missing after the first fall), as the file orders the towers.
+
+    Args:
+        batches: towers of one length each.
+        labels: the labels [N, K] of each batch.
+    """
+    order = np.concatenate([np.repeat(batch.order, batch.towers.length) for batch in batches])
+    position = np.concatenate([np.tile(np.arange(b.towers.length), len(b.towers)) for b in batches])
+    rows = np.lexsort((position, order))
+    label = np.concatenate([np.asarray(found, np.int8).ravel() for found in labels])[rows]
+    names = pd.Series([name for b in batches for name in b.names], [i for b in batches for i in b.order]).sort_index()
+    return pd.DataFrame(
+        {
+            "tower": names.to_numpy()[order[rows]],
+            "position": position[rows],
+            "label": pd.arrays.IntegerArray(label, label == UNOBSERVED),
+        }
+    )
 
 
 def main() -> None:

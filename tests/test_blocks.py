@@ -4,6 +4,7 @@ from pydantic import ValidationError
 
 from apf.errors import InputError
 from apf.towers import BlockSet, BlockSource, rotation_index, write_blocks
+from apf.towers.blocks import TABLE
 
 HALF = np.sqrt(0.5)
 
@@ -57,6 +58,10 @@ def test_subset_keeps_order_and_parameters(blocks):
         ({"mass": -1.0}, "mass = -1"),
         ({"mass": np.nan}, "mass = nan"),
         ({"mass": np.inf}, "mass = inf"),
+        ({"dims": (0.06, 1e150, 0.10)}, "sides must be 1e-06 to 1e+06 [m]"),
+        ({"dims": (0.06, 1e-150, 0.10)}, "sides must be 1e-06 to 1e+06 [m]"),
+        ({"mass": 1e150}, "mass = 1e+150; it must be 1e-09 to 1e+09 [kg]"),
+        ({"mass": 1e-150}, "it must be 1e-09 to 1e+09 [kg]"),
         ({"com": (0.031, 0, 0)}, "outside the block"),
         ({"com": (0, -0.05, 0)}, "outside the block"),
         ({"com": (0, 0, 0.05)}, "outside the block"),  # on the face: half of 0.10
@@ -74,6 +79,38 @@ def test_names_are_unique_and_there_is_at_least_one_block(cubes):
         BlockSet(("a", "b", "a"), cubes.dims[:3], cubes.com[:3], cubes.mass[:3])
     with pytest.raises(InputError, match="at least one block"):
         BlockSet((), cubes.dims[:0], cubes.com[:0], cubes.mass[:0])
+
+
+@pytest.mark.parametrize("name", ["", " a", "a ", "a\tb", "a\nb", "a\0", "\ud800", "a\u2028b", "\x85"])
+def test_names_that_no_file_gives_back_are_refused(cubes, name):
+    with pytest.raises(InputError, match="names must not be empty") as error:
+        BlockSet(("a", name), cubes.dims[:2], cubes.com[:2], cubes.mass[:2])
+    assert str(error.value).isprintable()
+
+
+def test_the_first_impossible_block_is_named(cubes):
+    names, dims, mass = list("abcdef"), cubes.dims.copy(), cubes.mass.copy()
+    mass[4], dims[3, 1], names[5] = -1, 0, "a"
+    with pytest.raises(InputError, match="block d: dim_x"):
+        BlockSet(tuple(names), dims, cubes.com, mass)
+    dims[3, 1] = 1
+    with pytest.raises(InputError, match="block e: mass"):
+        BlockSet(tuple(names), dims, cubes.com, mass)
+    mass[4] = 1
+    with pytest.raises(InputError, match="block a: the name stands twice"):
+        BlockSet(tuple(names), dims, cubes.com, mass)
+
+
+def test_large_sets_turn_blocks_as_small_ones_do():
+    """Above `TABLE` blocks no table of all rotations is kept; every bit, the sign of zeros too, is the same."""
+    large = BlockSource(blocks=TABLE + 1, seed=5).load()
+    large.com[:, 0] = 0.0
+    small = large.subset(np.arange(TABLE))
+    block, rotation = np.divmod(np.arange(24 * 100), 24)
+    for turn in ("dims_after", "com_after"):
+        assert getattr(large, turn)(block, rotation).tobytes() == getattr(small, turn)(block, rotation).tobytes()
+    assert "rotated_com" in vars(small)
+    assert "rotated_com" not in vars(large)
 
 
 def test_random_blocks_follow_the_published_distribution():

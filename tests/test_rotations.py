@@ -102,7 +102,7 @@ def test_rotation_index_keeps_leading_axes():
     assert rotation_index(QUATERNIONS[7]) == 7
 
 
-@given(rotation=st.integers(0, 23), noise=st.lists(st.floats(-9e-5, 9e-5), min_size=4, max_size=4))
+@given(rotation=st.integers(0, 23), noise=st.lists(st.floats(-5e-4, 5e-4), min_size=4, max_size=4))
 def test_rotation_index_allows_for_rounding(rotation, noise):
     assert rotation_index(QUATERNIONS[rotation] + noise) == rotation
 
@@ -130,3 +130,19 @@ def test_rotation_index_shows_the_quaternion_that_is_wrong():
     batch = np.array([[0, 0, 0, 1], [0, 0.6, 0, 0.8], [1, 0, 0, 0]])
     with pytest.raises(InputError, match=r"\(0\.0, 0\.6, 0\.0, 0\.8\)"):
         rotation_index(batch)
+
+
+@pytest.mark.parametrize(
+    ("quaternion", "said"),
+    [
+        ((0, 0, np.sin(np.pi / 9), np.cos(np.pi / 9)), "it is 40 degrees off the nearest, (0, 0, 0, 1)"),
+        ((HALF, 0, 0.02, -HALF), "it is 2.29 degrees off the nearest, (-0.707, 0, 0, 0.707)"),
+        ((0, 0, 0, 2), "it is 0 degrees off the nearest, (0, 0, 0, 1), and its length is 2, not 1"),
+        ((0, 0, 0, 0), "it must have the length 1"),
+        ((np.nan, 0, 0, 1), "it must have the length 1"),
+    ],
+)
+def test_rotation_index_says_how_far_off_it_is(quaternion, said):
+    with pytest.raises(InputError) as error:
+        rotation_index(np.array(quaternion, float))
+    assert said in str(error.value)

@@ -26,15 +26,16 @@ unique_names = names.map(lambda several: [f"n{i}{name}" for i, name in enumerate
 
 
 @st.composite
-def block_sets(draw):
-    """Blocks whose numbers use all bits of a double."""
-    called = draw(unique_names)
-    side = st.floats(1e-3, 10)
+def block_sets_and_units(draw):
+    """Blocks whose numbers use all bits of a double, and whether headers name units: then they may be implausible."""
+    called, units = draw(unique_names), draw(st.booleans())
+    side = st.floats(1e-3, 10) if units else st.floats(1e-3, 5)
     share = st.floats(-0.499, 0.499)
     dims = np.array([[draw(side) for _ in range(3)] for _ in called])
     com = dims * np.array([[draw(share) for _ in range(3)] for _ in called])
-    mass = np.array([draw(st.floats(1e-6, 1e6)) for _ in called])
-    return BlockSet(tuple(called), dims, com, mass)
+    mass = [draw(st.floats(1e-6, 1e6) if units else st.floats(0.011, 24_000)) for _ in called]
+    mass = np.array(mass) if units else np.maximum(mass * dims.prod(1), 1e-9)
+    return BlockSet(tuple(called), dims, com, mass), units
 
 
 @pytest.fixture(scope="module")
@@ -106,8 +107,9 @@ def refused(read, path, *said):
 class TestRoundTrip:
     @pytest.mark.parametrize("ending", ENDINGS)
     @SMALL
-    @given(blocks=block_sets(), units=st.booleans())
-    def test_blocks(self, folder, ending, blocks, units):
+    @given(blocks_and_units=block_sets_and_units())
+    def test_blocks(self, folder, ending, blocks_and_units):
+        blocks, units = blocks_and_units
         path = folder / f"blocks.{ending}"
         write_blocks(blocks, path, units=units)
         back = read_blocks(path)
@@ -118,12 +120,12 @@ class TestRoundTrip:
     @pytest.mark.parametrize("ending", ENDINGS)
     @SMALL
     @given(
-        blocks=block_sets(),
-        units=st.booleans(),
+        blocks_and_units=block_sets_and_units(),
         seed=seeds,
         lengths=st.lists(st.integers(1, 5), min_size=1, max_size=3, unique=True),
     )
-    def test_towers(self, folder, ending, blocks, units, seed, lengths):
+    def test_towers(self, folder, ending, blocks_and_units, seed, lengths):
+        blocks, units = blocks_and_units
         rng = np.random.default_rng(seed)
         written = [random_towers(blocks, min(k, len(blocks)), 3, rng) for k in lengths]
         path = folder / f"towers.{ending}"
@@ -227,26 +229,51 @@ class TestReading:
         table = good_blocks().rename(columns={"dim_x": header, "mass": "mass [kg]"})
         assert read_blocks(save(table, tmp_path / "b.csv")).dims[0, 0] == 0.1
 
+    @pytest.mark.parametrize("ending", ENDINGS)
+    def test_other_units_are_converted(self, tmp_path, ending):
+        """Lengths in mm, cm and dm, masses in g."""
+        written = pd.DataFrame(
+            [["a", 100, 8.0, 0.6, 10.0, 0.0, -0.01, 500], ["b", 61, 10.1, 1.2, 0.0, 2.3, 0.0, 253.7]],
+            columns=["block", "dim_x [mm]", "dim_y [cm]", "dim_z [dm]", "com_x (mm)", "com_y[cm]", "com_z", "mass [g]"],
+        )
+        blocks = read_blocks(save(written, tmp_path / f"f.{ending}"))
+        np.testing.assert_allclose(blocks.dims, [[0.1, 0.08, 0.06], [0.061, 0.101, 0.12]], rtol=1e-15)
+        np.testing.assert_allclose(blocks.com, [[0.01, 0.0, -0.01], [0.0, 0.023, 0.0]], rtol=1e-15)
+        np.testing.assert_allclose(blocks.mass, [0.5, 0.2537], rtol=1e-15)
+
     @pytest.mark.parametrize(
         ("column", "header", "said"),
         [
-            ("dim_y", "dim_y [cm]", "dim_y is in cm; it must be in m"),
-            ("com_z", "com_z (mm)", "com_z is in mm; it must be in m"),
-            ("mass", "mass [g]", "mass is in g; it must be in kg"),
+            ("dim_y", "dim_y [inch]", "dim_y is in inch; it must be in m or dm or cm or mm"),
+            ("com_z", "com_z (g)", "com_z is in g; it must be in m or"),
+            ("mass", "mass [lb]", "mass is in lb; it must be in kg or g"),
         ],
     )
     @pytest.mark.parametrize("ending", ENDINGS)
-    def test_another_unit_is_refused(self, tmp_path, ending, column, header, said):
+    def test_an_unknown_unit_is_refused(self, tmp_path, ending, column, header, said):
         path = tmp_path / f"f.{ending}"
         refused(read_blocks, save(good_blocks().rename(columns={column: header}), path), said)
         refused(read_towers, save(good_towers().rename(columns={column: header}), path), said)
 
-    def test_rounded_files_are_read(self, tmp_path):
-        # four digits: z within the tolerance of 0.1 mm, quaternion 0.7071 for 0.70711
+    @pytest.mark.parametrize("digits", [3, 4])
+    def test_rounded_files_are_read(self, tmp_path, digits):
+        # z within the tolerance of 0.1 mm; quaternion 0.707 or 0.7071 for 0.70711
         table = good_towers()
-        table[["qx", "qw"]] = table[["qx", "qw"]].astype(float).round(4)
+        table[["qx", "qw"]] = table[["qx", "qw"]].astype(float).round(digits)
         table.loc[4, "z"] = 0.18509
         assert len(read_towers(save(table, tmp_path / "t.csv"))) == 2
+        table[["qx", "qw"]] = table[["qx", "qw"]].astype(float).round(2)
+        refused(read_towers, save(table, tmp_path / "t.csv"), "row 4", "(0.71, 0.0, 0.0, 0.71)", "its length is 1.004")
+
+    def test_the_tolerance_of_heights_grows_with_the_blocks(self, tmp_path):
+        """All ten times as large: heights may be off by a thousandth of the taller block, 1.0 and 0.6 m."""
+        table = good_towers().iloc[2:]
+        lengths = [*(f"{kind}_{axis}" for kind in ("dim", "com") for axis in "xyz"), "x", "y", "z"]
+        table[lengths] = table[lengths].astype(float) * 10
+        table["mass"] = table["mass"].astype(float) * 1000
+        table = put([3, 4], "z", [1.3009, 1.8509])(table)
+        assert len(read_towers(save(table, tmp_path / "t.csv"))) == 1
+        refused(read_towers, save(put(3, "z", 1.3011)(table), tmp_path / "t.csv"), "row 3", "floats", "z = 1.3011")
 
 
 @pytest.mark.parametrize("ending", ENDINGS)

@@ -2,6 +2,8 @@
 
 import hashlib
 import json
+import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -13,7 +15,15 @@ from pydantic import AfterValidator, Field
 from apf.errors import InputError
 from apf.rng import stream
 from apf.settings import Name, Number, Seed, Whole, settings
-from apf.towers.rotations import ROTATIONS
+from apf.towers.rotations import AXES, ROTATIONS, SIGNS
+
+SIDES = (1e-6, 1e6)
+"""Sides that can be computed with [m]: differences of positions keep a few digits, and products do not overflow."""
+MASSES = (1e-9, 1e9)
+"""Masses that can be computed with [kg]."""
+TABLE = 4096
+"""Sets of up to so many blocks keep a table of all their rotations."""
+_UNREADABLE = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff]|^\s|\s$|^$")
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,8 +33,8 @@ class BlockSet:
     name: [B] unique strings. dims: [B, 3] sides [m]. com: [B, 3] centre of mass relative to the centre of
     geometry [m]. mass: [B] [kg]. All in the block's own frame.
 
-    Raises InputError if a side or mass is not positive and finite, a centre of mass lies outside its block,
-    or a name stands twice.
+    Raises InputError if a side or mass is not positive, finite and within what can be computed with (`SIDES`,
+    `MASSES`), a centre of mass lies outside its block, a name stands twice, or one could not be read back from a file.
     """
 
     name: tuple[str, ...]
@@ -35,18 +45,9 @@ class BlockSet:
     def __post_init__(self) -> None:
         if len(self.name) == 0:
             raise InputError("a block set needs at least one block")
-        for i, name in enumerate(self.name):
-            if name in self.name[:i]:
-                raise InputError(f"block {name}: the name stands twice; names must be unique")
-            if not (np.isfinite(self.dims[i]).all() and (self.dims[i] > 0).all()):
-                raise InputError(f"block {name}: dim_x, dim_y, dim_z = {_show(self.dims[i])}; sides must be > 0 [m]")
-            if not (np.isfinite(self.mass[i]) and self.mass[i] > 0):
-                raise InputError(f"block {name}: mass = {self.mass[i]:g}; it must be > 0 [kg]")
-            if not (np.abs(self.com[i]) < self.dims[i] / 2).all():
-                raise InputError(
-                    f"block {name}: com_x, com_y, com_z = {_show(self.com[i])} lies outside the block; each must be "
-                    f"within half a side, {_show(self.dims[i] / 2)} [m], of the centre of geometry"
-                )
+        fault = first_fault(self.name, self.dims, self.com, self.mass)
+        if fault:
+            raise InputError(fault[1])
 
     def __len__(self) -> int:
         return len(self.name)
@@ -66,6 +67,18 @@ class BlockSet:
         """The blocks of the given indices [M]."""
         return BlockSet(tuple(self.name[i] for i in which), self.dims[which], self.com[which], self.mass[which])
 
+    def dims_after(self, block: np.ndarray, rotation: np.ndarray) -> np.ndarray:
+        """[..., 3] sides along the world's axes of blocks [...] after rotations [...] [m]."""
+        if len(self) <= TABLE:
+            return look_up(self.rotated_dims, block, rotation)
+        return np.take_along_axis(self.dims[block], AXES[rotation], -1)
+
+    def com_after(self, block: np.ndarray, rotation: np.ndarray) -> np.ndarray:
+        """[..., 3] centre of mass of blocks [...] after rotations [...], relative to the centre of geometry [m]."""
+        if len(self) <= TABLE:
+            return look_up(self.rotated_com, block, rotation)
+        return SIGNS[rotation] * np.take_along_axis(self.com[block], AXES[rotation], -1) + 0.0
+
     @cached_property
     def rotated_dims(self) -> np.ndarray:
         """[B, 24, 3] sides along the world's axes after each rotation [m]."""
@@ -75,6 +88,59 @@ class BlockSet:
     def rotated_com(self) -> np.ndarray:
         """[B, 24, 3] centre of mass relative to the centre of geometry after each rotation [m]."""
         return np.einsum("rij,bj->bri", ROTATIONS, self.com)
+
+
+def look_up(table: np.ndarray, block: np.ndarray, rotation: np.ndarray) -> np.ndarray:
+    """[..., M] the rows of a table [B, 24, M] for blocks [...] after rotations [...]."""
+    rows = table.reshape(-1, table.shape[-1])
+    return rows.take(block.astype(np.intp) * len(ROTATIONS) + rotation, axis=0)
+
+
+def first_fault(names: Sequence[str], dims: np.ndarray, com: np.ndarray, mass: np.ndarray) -> tuple[int, str] | None:
+    """The first of B blocks that is impossible, and what is wrong with it; None if all are possible.
+
+    Args:
+        names: [B] as `BlockSet` has them, and so the others.
+        dims: [B, 3] sides [m].
+        com: [B, 3] centre of mass relative to the centre of geometry [m].
+        mass: [B] [kg].
+    """
+    good = ((dims >= SIDES[0]) & (dims <= SIDES[1])).all(1) & (mass >= MASSES[0]) & (mass <= MASSES[1])
+    good &= (np.abs(com) < dims / 2).all(1)
+    bad = [int(np.argmin(good))] if not good.all() else []
+    bad += [i for i, name in enumerate(names) if _UNREADABLE.search(name)][:1]
+    if len(set(names)) < len(names):
+        seen: set[str] = set()
+        bad.append(next(i for i, name in enumerate(names) if name in seen or seen.add(name)))  # type: ignore[func-returns-value]
+    if not bad:
+        return None
+    i = min(bad)
+    return i, f"block {_fault(names[i], dims[i], com[i], float(mass[i])) or _fault_of_name(names[i])}"
+
+
+def _fault(name: str, dims: np.ndarray, com: np.ndarray, mass: float) -> str | None:
+    """What is wrong with the numbers of one block, behind its name."""
+    sides = f"{name}: dim_x, dim_y, dim_z = {_show(dims)}"
+    if not (np.isfinite(dims).all() and (dims > 0).all()):
+        return f"{sides}; sides must be > 0 [m]"
+    if (dims < SIDES[0]).any() or (dims > SIDES[1]).any():
+        return f"{sides}; sides must be {SIDES[0]:g} to {SIDES[1]:g} [m]"
+    if not (np.isfinite(mass) and mass > 0):
+        return f"{name}: mass = {mass:g}; it must be > 0 [kg]"
+    if not MASSES[0] <= mass <= MASSES[1]:
+        return f"{name}: mass = {mass:g}; it must be {MASSES[0]:g} to {MASSES[1]:g} [kg]"
+    if not (np.abs(com) < dims / 2).all():
+        return (
+            f"{name}: com_x, com_y, com_z = {_show(com)} lies outside the block; each must be "
+            f"within half a side, {_show(dims / 2)} [m], of the centre of geometry"
+        )
+    return None
+
+
+def _fault_of_name(name: str) -> str:
+    if _UNREADABLE.search(name):
+        return f"{name!a}: names must not be empty, begin or end with blanks, or hold control characters"
+    return f"{name}: the name stands twice; names must be unique"
 
 
 def _from_low_to_high(bounds: tuple[float, float]) -> tuple[float, float]:

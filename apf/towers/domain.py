@@ -58,7 +58,7 @@ class TowerDomain:
         """Write both block sets into a run directory, unless they are there: what was labelled stays tied to them."""
         for name, blocks in self._sets().items():
             if not self.is_kept(directory / name):
-                write_blocks(blocks, directory / name)
+                write_blocks(blocks, directory / name, units=True)
 
     def is_kept(self, path: Path) -> bool:
         """Is there such a file, and does it hold what `keep` writes there?"""

@@ -4,8 +4,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from apf.towers.blocks import BlockSet
-from apf.towers.rotations import ROTATIONS
+from apf.towers.blocks import TABLE, BlockSet, look_up
 from apf.towers.towers import Towers
 
 N_FEATURES = 10
@@ -27,7 +26,10 @@ def features(towers: Towers) -> np.ndarray:
     """
     n, k = towers.block.shape
     x = np.empty((n, k, N_FEATURES), np.float32)
-    x[..., :POSITION_X] = _own_features(towers.blocks).take(towers.rotated, axis=0)
+    if len(towers.blocks) <= TABLE:
+        x[..., :POSITION_X] = look_up(_own_features(towers.blocks), towers.block, towers.rotation)
+    else:
+        x[..., :POSITION_X] = _own(towers.mass, towers.com, towers.dims)
     x[..., 7:9] = (towers.xy - towers.xy[:, :1]) / LENGTH
     x[..., 9] = (towers.z - towers.z[:, :1]) / LENGTH
     return x
@@ -35,12 +37,17 @@ def features(towers: Towers) -> np.ndarray:
 
 @lru_cache(maxsize=8)
 def _own_features(blocks: BlockSet) -> np.ndarray:
-    """[B x 24, 7] float32 of each block in each rotation: all features but its position."""
-    own = np.empty((len(blocks), len(ROTATIONS), POSITION_X), np.float32)
-    own[..., MASS] = (blocks.mass[:, None] - MEAN_MASS) * 2
-    own[..., 1:4] = blocks.rotated_com / LENGTH
-    own[..., 4:7] = blocks.rotated_dims / LENGTH - 1
-    return own.reshape(-1, POSITION_X)
+    """[B, 24, 7] float32 of each block in each rotation: all features but its position."""
+    return _own(blocks.mass[:, None], blocks.rotated_com, blocks.rotated_dims)
+
+
+def _own(mass: np.ndarray, com: np.ndarray, dims: np.ndarray) -> np.ndarray:
+    """[..., 7] float32 of masses that broadcast to [...] [kg], centres of mass [..., 3] and sides [..., 3] [m]."""
+    own = np.empty((*com.shape[:-1], POSITION_X), np.float32)
+    own[..., MASS] = (mass - MEAN_MASS) * 2
+    own[..., 1:4] = com / LENGTH
+    own[..., 4:7] = dims / LENGTH - 1
+    return own
 
 
 def mirrored(x: np.ndarray) -> np.ndarray:

@@ -1,9 +1,11 @@
-"""Block files and tower files for people: CSV or parquet by their ending, SI units, lossless.
+"""Block files and tower files for people: CSV or parquet by their ending, lossless; m and kg unless headers say other.
 
 A block file has one row per block. A tower file has one row per placement, from the bottom up: the block in its
 own frame, then the pose of its centre of geometry in the world.
 """
 
+import re
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,9 +15,9 @@ import numpy as np
 import pandas as pd
 
 from apf.errors import InputError
-from apf.tables import read_table, write_table
-from apf.towers.blocks import BlockSet
-from apf.towers.rotations import QUATERNIONS, rotation_index
+from apf.tables import Table, read_table, shown, write_table
+from apf.towers.blocks import SIDES, BlockSet, first_fault
+from apf.towers.rotations import QUATERNIONS, not_axis_aligned, off_axis
 from apf.towers.towers import Towers
 
 BLOCK_COLUMNS = ["block", "dim_x", "dim_y", "dim_z", "com_x", "com_y", "com_z", "mass"]
@@ -27,6 +29,14 @@ UNITS = {
 }
 GAP = 1e-4
 """A block may float above, or sink into, what is below it by this much [m]: files round."""
+RELATIVE_GAP = 1e-3
+"""Or by this share of the taller of the two: the digits that files keep are often relative to the size."""
+LARGEST = 5.0
+"""The longest side [m] that is believed without a unit: 5 mm, written as if it were metres."""
+DENSITIES = (0.01, 25_000.0)
+"""The densities [kg/m3] that are believed without units: a hundredth of air's (what is meant in cm is another ten times
+lighter, while blocks of a made-up 1 kg may well be metres long), and just more than osmium's."""
+_WHOLE = re.compile("0|-?[1-9][0-9]{0,17}")
 
 
 @dataclass(frozen=True)
@@ -40,10 +50,11 @@ class NamedTowers:
 
 def read_blocks(path: str | Path) -> BlockSet:
     """The blocks of a block file. Raises InputError, naming file and row, for anything that is not a block."""
-    path = Path(path)
-    table = read_table(path, BLOCK_COLUMNS, UNITS, text=["block"])
-    _require_numbers(table, [c for c in BLOCK_COLUMNS if c != "block"], path)
-    return _block_set(table, path)
+    table = read_table(Path(path), BLOCK_COLUMNS[1:], BLOCK_COLUMNS[:1], UNITS)
+    if not len(table):
+        raise InputError(f"{path}: no blocks; it needs at least one row below the header")
+    names = table.names["block"]
+    return _block_set(table, [str(names.distinct[code]) for code in names.codes], np.arange(len(table)))
 
 
 def write_blocks(blocks: BlockSet, path: str | Path, units: bool = False) -> None:
@@ -72,55 +83,44 @@ def tower_table(towers: Towers, first: int = 0) -> pd.DataFrame:
 def read_towers(path: str | Path) -> list[NamedTowers]:
     """The towers of a tower file, one batch for each length.
 
-    Raises InputError, naming file, tower and row, for a missing column, a value that is no number, an impossible
-    block, a rotation that is not axis-aligned, positions that do not count from 0, a block used twice in a tower, and a
-    placement that overlaps what is below it, floats above it, or has nothing below it.
+    If all rotations are (1, 0, 0, 0), a line on standard error asks whether w came first.
+
+    Raises InputError, naming file, tower and row, for a missing column, a value that is no number, an impossible or
+    implausible block, a rotation that is not axis-aligned, positions that do not count from 0, a block used twice in a
+    tower, and a placement that overlaps what is below it, floats above it, or has nothing below it.
     """
     path = Path(path)
-    table = read_table(path, TOWER_COLUMNS, UNITS, text=["block", "tower"])
-    _require_numbers(table, [c for c in TOWER_COLUMNS if c not in ("tower", "block")], path)
-    if table.empty:
+    numbers = [column for column in TOWER_COLUMNS if column not in ("tower", "block")]
+    table = read_table(path, numbers, ["tower", "block"], UNITS)
+    if not len(table):
         raise InputError(f"{path}: no towers; it needs at least one row below the header")
-    blank = table.index[table["tower"].isna()]
-    if len(blank):
-        raise InputError(
-            f"{path}, row {table['row'][blank[0]]}: tower is empty; every placement needs its tower's name"
-        )
-    table["tower"] = _whole_numbers(table["tower"])
+    blocks, block = _blocks_of(table)
+    rotation = _rotations(table)
+    xy = table.stack(["x", "y"])
+    far = (np.abs(xy) > SIDES[1]).any(1)
+    if far.any():
+        row = int(np.argmax(far))
+        raise table.error(row, f"x, y = {xy[row, 0]:g}, {xy[row, 1]:g}; they must be within {SIDES[1]:g} m of 0, 0")
 
-    distinct = table.drop_duplicates(BLOCK_COLUMNS)
-    clash = distinct.index[distinct["block"].duplicated()]
-    if len(clash):
-        name = table.loc[clash[0], "block"]
-        raise InputError(
-            f"{path}, row {table['row'][clash[0]]}: block {name} differs from an earlier row of the same name"
-        )
-    blocks = _block_set(distinct, path)
-
-    index = table["block"].map({name: i for i, name in enumerate(blocks.name)}).to_numpy(int)
-    rotation = np.array(
-        [_rotation(q, path, row) for row, q in zip(table["row"], table[["qx", "qy", "qz", "qw"]].to_numpy(float))]
-    )
-    by_length: dict[int, list[tuple[Any, int, np.ndarray]]] = {}
-    for order, (name, group) in enumerate(table.groupby("tower", sort=False)):
-        rows = group.sort_values("position", kind="stable").index.to_numpy()
-        _require_order(table, rows, name, path)
-        by_length.setdefault(len(rows), []).append((name, order, rows))
+    tower = table.names["tower"]
+    order, first, lengths = _bottom_up(table)
+    _require_distinct_blocks(table, order, block)
+    names = _whole_numbers(tower.distinct)
     batches = []
-    for members in by_length.values():
-        names, orders = tuple(name for name, _, _ in members), tuple(order for _, order, _ in members)
-        rows = np.array([rows for _, _, rows in members])
-        towers = Towers(blocks, index[rows], rotation[rows], table[["x", "y"]].to_numpy(float)[rows])
-        _require_contact(towers, table["z"].to_numpy(float)[rows], names, table["row"].to_numpy()[rows], path)
-        batches.append(NamedTowers(towers, names, orders))
+    for length in dict.fromkeys(lengths.tolist()):
+        members = np.flatnonzero(lengths == length)
+        rows = order[first[members, None] + np.arange(length)]
+        towers = Towers(blocks, block[rows], rotation[rows], xy[rows])
+        of_these = tuple(names[i] for i in members)
+        _require_contact(table, towers, table.numbers["z"][rows], of_these, rows)
+        batches.append(NamedTowers(towers, of_these, tuple(members.tolist())))
     return batches
 
 
-def _whole_numbers(names: pd.Series) -> pd.Series:
-    """Names that are all written as whole numbers, as such; others (`007`, `a`) as they are."""
-    numbers = pd.to_numeric(names, errors="coerce")
-    whole = numbers.notna().all() and (numbers % 1 == 0).all() and (numbers.astype(int).astype(str) == names).all()
-    return numbers.astype(int) if whole else names
+def _whole_numbers(names: tuple[Any, ...]) -> tuple[Any, ...]:
+    """Names that are all written as whole numbers of up to 18 digits, as such; others (`007`, `a`) as they are."""
+    whole = all(isinstance(name, str) and _WHOLE.fullmatch(name) for name in names)
+    return tuple(map(int, names)) if whole else names
 
 
 def _block_table(blocks: BlockSet) -> pd.DataFrame:
@@ -130,72 +130,122 @@ def _block_table(blocks: BlockSet) -> pd.DataFrame:
     return table
 
 
-def _block_set(table: pd.DataFrame, path: Path) -> BlockSet:
-    """Raises InputError, naming file and row."""
-    numbers = table[BLOCK_COLUMNS[1:]].to_numpy(float)
-    names = tuple(table["block"])
-    dims, com, mass = numbers[:, :3], numbers[:, 3:6], numbers[:, 6]
-    for i, row in enumerate(table["row"]):
-        try:
-            one = slice(i, i + 1)
-            BlockSet(names[one], dims[one], com[one], mass[one])
-            if names[i] in names[:i]:
-                raise InputError(f"block {names[i]}: the name stands twice; names must be unique")
-        except InputError as error:
-            raise InputError(f"{path}, row {row}: {error}") from None
-    if not names:
-        raise InputError(f"{path}: no blocks; it needs at least one row below the header")
-    return BlockSet(names, dims, com, mass)
+def _block_set(table: Table, names: Sequence[str], rows: np.ndarray) -> BlockSet:
+    """The blocks that some rows of a file describe. Raises InputError, naming file and row."""
+    values = table.stack(BLOCK_COLUMNS[1:])[rows]
+    dims, com, mass = values[:, :3], values[:, 3:6], values[:, 6]
+    fault = first_fault(names, dims, com, mass)
+    if fault:
+        raise table.error(rows[fault[0]], fault[1])
+    _require_plausible(table, names, dims, mass, rows)
+    return BlockSet(tuple(names), dims, com, mass)
 
 
-def _require_numbers(table: pd.DataFrame, columns: list[str], path: Path) -> None:
-    for column in columns:
-        numbers = pd.to_numeric(table[column], errors="coerce").astype(float)
-        bad = np.flatnonzero(~np.isfinite(numbers))
-        if len(bad):
-            value = table[column].iloc[bad[0]]
-            raise InputError(f"{path}, row {table['row'].iloc[bad[0]]}: {column} = {value}; it must be a finite number")
-        table[column] = numbers
-    if table["block"].isna().any():
-        raise InputError(
-            f"{path}, row {table['row'].iloc[int(np.argmax(table['block'].isna()))]}: block is empty; it needs a name"
+def _blocks_of(table: Table) -> tuple[BlockSet, np.ndarray]:
+    """The blocks of a tower file, and the one of each row. Raises InputError if two rows differ about a block."""
+    named = table.names["block"]
+    names = [str(name) for name in named.distinct]
+    first = np.full(len(names), len(table))
+    np.minimum.at(first, named.codes, np.arange(len(table)))
+    clash = np.full(len(table), False)
+    for column in BLOCK_COLUMNS[1:]:
+        values = table.numbers[column]
+        clash |= values != values[first[named.codes]]
+    blocks = _block_set(table, names, first)
+    if clash.any():
+        row = int(np.argmax(clash))
+        raise table.error(row, f"block {names[named.codes[row]]} differs from an earlier row of the same name")
+    return blocks, named.codes
+
+
+def _require_plausible(
+    table: Table, names: Sequence[str], dims: np.ndarray, mass: np.ndarray, rows: np.ndarray
+) -> None:
+    """Plain numbers that no block has in m and kg are likely to be mm or g. A unit in the header is believed."""
+    sides, all_units = BLOCK_COLUMNS[1:4], [*BLOCK_COLUMNS[1:4], "mass"]
+    density = mass / dims.prod(1)
+    checks = [
+        (sides, (dims > LARGEST).any(1), f"has a side above {LARGEST:g} m"),
+        (all_units, density < DENSITIES[0], "is a hundred times lighter than air"),
+        (all_units, density > DENSITIES[1], "is heavier than any material"),
+    ]
+    for columns, bad, what in checks:
+        if bad.any() and not table.units.keys() >= set(columns):
+            i = int(np.argmax(bad))
+            size = " x ".join(f"{side:g}" for side in dims[i])
+            raise table.error(
+                rows[i],
+                f"block {names[i]}, {size} m and {mass[i]:g} kg, {what}; write the units in the header, "
+                "as in dim_x [mm] and mass [g], or dim_x [m] and mass [kg] if they are meant",
+            )
+
+
+def _rotations(table: Table) -> np.ndarray:
+    """[R]: which of the 24 rotations each row has."""
+    quaternions = table.stack(POSE_COLUMNS[3:])
+    rotation, bad = off_axis(quaternions)
+    if bad.any():
+        row = int(np.argmax(bad))
+        raise table.error(row, not_axis_aligned(quaternions[row]))
+    if (quaternions == [1, 0, 0, 0]).all():
+        print(
+            f"{table.path}: all blocks have qx, qy, qz, qw = 1, 0, 0, 0, half a turn about x; was w written first? "
+            "A block that is not turned has 0, 0, 0, 1",
+            file=sys.stderr,
         )
-    table["block"] = table["block"].astype(str)
+    return rotation
 
 
-def _rotation(quaternion: np.ndarray, path: Path, row: int) -> int:
-    try:
-        return int(rotation_index(quaternion))
-    except InputError as error:
-        raise InputError(f"{path}, row {row}: {error}") from None
+def _bottom_up(table: Table) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rows [R] tower by tower and from the bottom up; where each tower begins among them [T]; their lengths [T]."""
+    tower, position = table.names["tower"], table.numbers["position"]
+    order = np.lexsort((position, tower.codes))
+    lengths = np.bincount(tower.codes, minlength=len(tower.distinct))
+    first = np.cumsum(lengths) - lengths
+    bad = position[order] != np.arange(len(order)) - np.repeat(first, lengths)
+    if bad.any():
+        number = tower.codes[order[np.argmax(bad)]]
+        rows = order[first[number] : first[number] + lengths[number]]
+        said = ", ".join(f"{p:g}" for p in position[rows[:20]]) + (", ..." if len(rows) > 20 else "")
+        raise InputError(
+            f"{table.path}, row {table.row(int(order[np.argmax(bad)]))}: tower {shown(tower.distinct[number])}: "
+            f"position = {said}; it must count 0, 1, 2, ... from the bottom up"
+        )
+    return order, first, lengths
 
 
-def _require_order(table: pd.DataFrame, rows: np.ndarray, name: object, path: Path) -> None:
-    positions = table["position"].to_numpy()[rows]
-    if not np.array_equal(positions, np.arange(len(rows))):
-        shown = ", ".join(f"{p:g}" for p in positions)
-        raise InputError(f"{path}: tower {name}: position = {shown}; it must count 0, 1, 2, ... from the bottom up")
-    twice = table["block"].iloc[rows].duplicated().to_numpy()
+def _require_distinct_blocks(table: Table, order: np.ndarray, block: np.ndarray) -> None:
+    tower = table.names["tower"]
+    pairs = tower.codes[order].astype(np.int64) * (block.max() + 1) + block[order]
+    twice = pd.Series(pairs).duplicated().to_numpy()
     if twice.any():
-        row = rows[np.argmax(twice)]
-        raise InputError(f"{path}, row {table['row'][row]}: tower {name} uses block {table['block'].iloc[row]} twice")
+        row = int(order[np.argmax(twice)])
+        name, which = shown(tower.distinct[tower.codes[row]]), table.names["block"].distinct[block[row]]
+        raise table.error(row, f"tower {name} uses block {shown(which)} twice")
 
 
-def _require_contact(towers: Towers, z: np.ndarray, names: Sequence[Any], rows: np.ndarray, path: Path) -> None:
+def _require_contact(table: Table, towers: Towers, z: np.ndarray, names: Sequence[Any], rows: np.ndarray) -> None:
     """Each block stands on the table or on the one below: no gap, no overlap, and some area in common."""
-
     height = towers.dims[..., 2]
     top = z + height / 2
-    right = np.concatenate([np.zeros((len(z), 1)), top[:, :-1]], axis=1) + height / 2
+    floor = np.zeros((len(z), 1))
+    right = np.concatenate([floor, top[:, :-1]], axis=1) + height / 2
+    gap = np.maximum(GAP, RELATIVE_GAP * np.maximum(height, np.concatenate([floor, height[:, :-1]], axis=1)))
     sides = towers.dims[..., :2]
     apart = np.abs(np.diff(towers.xy, axis=1)) >= (sides[:, 1:] + sides[:, :-1]) / 2
     beside = np.concatenate([np.zeros((len(z), 1), bool), apart.any(-1)], axis=1)
-    bad = np.argwhere((np.abs(z - right) > GAP) | beside)
-    if len(bad):
-        tower, position = bad[0]
-        here, rests = z[tower, position], right[tower, position]
-        where = f"{path}, row {rows[tower, position]}: tower {names[tower]}, position {position}"
-        if abs(here - rests) > GAP:
-            what = "floats" if here > rests else "overlaps what is below"
-            raise InputError(f"{where}: {what}: z = {here:g}; it rests on what is below at z = {rests:g} [m]")
-        raise InputError(f"{where}: floats: nothing of the block below is under it")
+    bad = ~(np.abs(z - right) <= gap) | beside
+    if not bad.any():
+        return
+    tower, position = np.argwhere(bad)[0]
+    here, rests = z[tower, position], right[tower, position]
+    where = f"tower {shown(names[tower])}, position {position}"
+    if abs(here - rests) > gap[tower, position]:
+        what = "floats" if here > rests else "overlaps what is below"
+        said = f"{where}: {what}: z = {here:g}; it rests on what is below at z = {rests:g} [m]"
+        unit = next(
+            (unit for unit, n in (("mm", 1000), ("cm", 100)) if abs(here / n - rests) <= gap[tower, position]), ""
+        )
+        said += f"; if z is in {unit}, its header must be z [{unit}]" if unit and "z" not in table.units else ""
+        raise table.error(rows[tower, position], said)
+    raise table.error(rows[tower, position], f"{where}: floats: nothing of the block below is under it")

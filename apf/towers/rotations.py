@@ -45,18 +45,55 @@ def _turn_table() -> np.ndarray:
 TURN = _turn_table()
 
 
-def rotation_index(quaternion: np.ndarray, tolerance: float = 1e-4) -> np.ndarray:
+AXES = np.abs(ROTATIONS).argmax(2)
+"""[24, 3]: the block's own axis that lies along each axis of the world after each rotation."""
+
+SIGNS = ROTATIONS.sum(2)
+"""[24, 3]: does it point along it (1) or against it (-1)?"""
+
+TOLERANCE = 6e-4
+"""How far an entry of a quaternion may be off: files round to three digits."""
+
+
+def rotation_index(quaternion: np.ndarray, tolerance: float = TOLERANCE) -> np.ndarray:
     """Which of the 24 rotations each quaternion is. [..., 4] (x, y, z, w), any sign -> [...] in 0..23.
 
-    Raises InputError if one is farther than `tolerance` from all of them, or is no unit quaternion.
+    Raises InputError, which says how far off it is, if an entry of one is farther than `tolerance` from all of them.
     """
     q = np.asarray(quaternion, float)
-    nearest = np.abs(q @ QUATERNIONS.T).argmax(-1)
-    sign = np.sign((q * QUATERNIONS[nearest]).sum(-1, keepdims=True))
-    error = np.abs(sign * q - QUATERNIONS[nearest]).max(-1)
+    nearest, error = _nearest(q)
     if not np.all(error <= tolerance):
         worst = q.reshape(-1, 4)[np.argmax(~(error.reshape(-1) <= tolerance))]
-        raise InputError(
-            f"quaternion (qx, qy, qz, qw) = {tuple(worst.tolist())} is not one of the 24 axis-aligned rotations"
-        )
+        raise InputError(not_axis_aligned(worst))
     return nearest
+
+
+def off_axis(quaternions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Of quaternions [N, 4] (x, y, z, w), the nearest rotation [N] in 0..23, and which are too far off [N] bool."""
+    nearest, error = _nearest(quaternions)
+    return nearest, ~(error <= TOLERANCE)
+
+
+def not_axis_aligned(q: np.ndarray) -> str:
+    """What to say of a quaternion [4] (x, y, z, w) that is none of the 24: how far it is from the nearest."""
+    said = f"quaternion (qx, qy, qz, qw) = {tuple(q.tolist())} is not one of the 24 axis-aligned rotations"
+    length = float(np.linalg.norm(q)) if np.isfinite(q).all() else np.inf
+    if not 0 < length < np.inf:
+        return f"{said}; it must have the length 1"
+    cosines = np.abs(QUATERNIONS @ (q / length))
+    best = int(cosines.argmax())
+    angle = np.degrees(2 * np.arccos(min(cosines[best], 1.0)))
+    near = ", ".join(f"{v:.3g}" for v in QUATERNIONS[best])
+    return (
+        f"{said}: it is {angle:.3g} degrees off the nearest, ({near}), and its length is {length:.4g}, not 1"
+        if (abs(length - 1) > TOLERANCE)
+        else f"{said}: it is {angle:.3g} degrees off the nearest, ({near})"
+    )
+
+
+def _nearest(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The nearest rotation of each quaternion [..., 4], and by how much its worst entry differs [...]."""
+    with np.errstate(all="ignore"):
+        nearest = np.abs(q @ QUATERNIONS.T).argmax(-1)
+        sign = np.sign((q * QUATERNIONS[nearest]).sum(-1, keepdims=True))
+        return nearest, np.abs(sign * q - QUATERNIONS[nearest]).max(-1)

@@ -10,7 +10,7 @@ from pydantic import Field
 
 from apf.settings import Number, settings
 from apf.towers.blocks import BlockSet
-from apf.towers.rotations import ROTATIONS, TURN
+from apf.towers.rotations import TURN
 
 
 @settings
@@ -71,19 +71,14 @@ class Towers:
         )
 
     @cached_property
-    def rotated(self) -> np.ndarray:
-        """[N, K] block and rotation as one number: where they stand in a table [B x 24, ...] of rotated blocks."""
-        return self.block.astype(np.intp) * len(ROTATIONS) + self.rotation
-
-    @cached_property
     def dims(self) -> np.ndarray:
         """[N, K, 3] sides along the world's axes [m]."""
-        return self.blocks.rotated_dims.reshape(-1, 3).take(self.rotated, axis=0)
+        return self.blocks.dims_after(self.block, self.rotation)
 
     @cached_property
     def com(self) -> np.ndarray:
         """[N, K, 3] centre of mass relative to the centre of geometry, along the world's axes [m]."""
-        return self.blocks.rotated_com.reshape(-1, 3).take(self.rotated, axis=0)
+        return self.blocks.com_after(self.block, self.rotation)
 
     @cached_property
     def mass(self) -> np.ndarray:
@@ -93,7 +88,7 @@ class Towers:
     @cached_property
     def z(self) -> np.ndarray:
         """[N, K] height of each centre of geometry above the table [m]."""
-        height = self.blocks.rotated_dims[..., 2].take(self.rotated)
+        height = self.dims[..., 2]
         return np.cumsum(height, axis=1) - height / 2
 
     def turned(self, quarters: int) -> "Towers":
@@ -114,7 +109,7 @@ def random_towers(
         raise ValueError(f"towers of {length} blocks need as many different blocks; the set has {len(blocks)}")
     block = _random_orders(len(blocks), length, n, rng)
     rotation = rng.integers(24, size=(n, length), dtype=np.int8)
-    sides = blocks.rotated_dims[block, rotation, :2]
+    sides = blocks.dims_after(block, rotation)[..., :2]
     xy = np.zeros((n, length, 2))
     np.cumsum(offset.draw(sides[:, :-1] + sides[:, 1:], rng), axis=1, out=xy[:, 1:])
     return Towers(blocks, block, rotation, xy)
@@ -133,7 +128,7 @@ def random_extensions(towers: Towers, rng: np.random.Generator, offset: Offset =
     rank = rng.integers(b - k, size=(n, 1))
     block = np.concatenate([towers.block, ((free.cumsum(1) <= rank).sum(1, keepdims=True)).astype(np.int16)], axis=1)
     rotation = np.concatenate([towers.rotation, rng.integers(24, size=(n, 1), dtype=np.int8)], axis=1)
-    sides = towers.blocks.rotated_dims[block[:, -2:], rotation[:, -2:], :2]
+    sides = towers.blocks.dims_after(block[:, -2:], rotation[:, -2:])[..., :2]
     step = offset.draw(sides[:, :-1] + sides[:, 1:], rng)
     return Towers(towers.blocks, block, rotation, np.concatenate([towers.xy, towers.xy[:, -1:] + step], axis=1))
 

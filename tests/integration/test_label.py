@@ -117,6 +117,74 @@ def test_headers_may_carry_units(here: Path) -> None:
     assert labels(read(here / "labels.csv")) == LABELS_BY_HAND
 
 
+AS_PEOPLE_HAVE_THEM = {
+    "semicolons and decimal commas": lambda t: "sep=;\r\n" + t.to_csv(sep=";", decimal=",", index=False),
+    "tabs, below a comment": lambda t: "# built in May\n" + t.to_csv(sep="\t", index=False),
+    "a comma behind each row": lambda t: t.to_csv(index=False).replace("\n", ",\n").replace(",\n", "\n", 1),
+    "millimetres and grams": lambda t: (
+        t.assign(**{c: t[c] * 1000 for c in t if c[:3] in ("dim", "com") or c in ("x", "y", "z", "mass")})
+        .rename(columns={c: f"{c} [mm]" for c in t if c[:3] in ("dim", "com") or c in ("x", "y", "z")})
+        .rename(columns={"mass": "mass [g]"})
+        .to_csv(index=False)
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", AS_PEOPLE_HAVE_THEM)
+def test_files_as_people_have_them(here: Path, kind: str) -> None:
+    (here / "towers.csv").write_text(AS_PEOPLE_HAVE_THEM[kind](by_hand()), newline="")
+    result = call("towers=towers.csv", "out=labels.csv", command="apf.label").must_work()
+    assert result.err == ""
+    assert labels(read(here / "labels.csv")) == LABELS_BY_HAND
+
+
+def test_a_parquet_file_with_its_towers_as_the_index(here: Path) -> None:
+    by_hand().set_index(["tower", "position"]).to_parquet(here / "towers.parquet")
+    call("towers=towers.parquet", "out=labels.csv", command="apf.label").must_work()
+    assert labels(read(here / "labels.csv")) == LABELS_BY_HAND
+
+
+def test_w_first_is_asked_about(here: Path) -> None:
+    write(by_hand().assign(qx=1.0, qw=0.0), here / "towers.csv")
+    result = call("towers=towers.csv", "out=labels.csv", command="apf.label").must_work()
+    (line,) = result.err.splitlines()
+    assert "towers.csv" in line
+    assert "was w written first?" in line
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("blocks", [5, 1_000_000], ids=["few blocks", "as many blocks as rows"])
+@pytest.mark.parametrize("ending", ["csv", "parquet"])
+def test_a_million_rows(tmp_path: Path, ending: str, blocks: int) -> None:
+    """They are labelled in a minute and 2 GiB: 200,000 stairs of five cubes, every second one too steep."""
+    n, k = 200_000, 5
+    block, position = np.arange(n * k) % blocks, np.tile(np.arange(k), n)
+    table = pd.DataFrame({"tower": np.repeat(np.arange(n), k), "position": position, "block": block})
+    table["block"] = "b" + table["block"].astype(str)
+    for column in ("dim_x", "dim_y", "dim_z"):
+        table[column] = SIDE
+    table[["com_x", "com_y", "com_z", "qx", "qy", "qz"]] = 0.0
+    table["mass"] = np.random.default_rng(0).uniform(0.9, 1.1, blocks)[block]
+    table["x"] = position * np.where(np.repeat(np.arange(n) % 2, k), 0.06, 0.01)
+    table["y"], table["z"], table["qw"] = 0.0, SIDE * (position + 0.5), 1.0
+    write(table, tmp_path / f"towers.{ending}")
+    measure = (
+        "import resource, subprocess, sys, time; start = time.monotonic();"
+        "code = subprocess.run([sys.executable, '-m', 'apf.label', *sys.argv[1:]]).returncode;"
+        "print(time.monotonic() - start, resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss, code)"
+    )
+    result = spawn(["-c", measure, f"towers=towers.{ending}", f"out=labels.{ending}"], cwd=tmp_path).must_work()
+    said, measured = result.out.splitlines()
+    assert said.endswith("200000 towers labelled, 100000 of them stand")
+    seconds, kibibytes, code = map(float, measured.split())
+    assert code == 0
+    assert seconds < 60
+    assert kibibytes < 2 * 1024**2
+    found = read(tmp_path / f"labels.{ending}")
+    assert found["label"].iloc[:10].fillna(-1).tolist() == [1, 1, 1, 1, 1, 1, 0, -1, -1, -1]
+    assert len(found) == n * k
+
+
 def many(path: Path, n: int = 200) -> Towers:
     """A file of pairs of random blocks."""
     towers = random_towers(BlockSource().load(), 2, n, np.random.default_rng(0))
