@@ -68,7 +68,7 @@ class Config:
     planner: MonteCarloPlanner
     predictor: Predictor | Learned
     tracker: Tracker
-    device: str
+    device: Name
     threads: Few
     sweep: Name
 
@@ -140,6 +140,8 @@ def reason_of(error: BaseException) -> str:
     return reason
 
 
+CLASS = r"(?!.{200})[^\W\d]\w*(\.[^\W\d]\w*)+"
+"""A module and what it holds, with dots between."""
 INSTRUCTIONS = ("_target_", "_partial_", "_args_", "_recursive_", "_convert_")
 """Keys that tell Hydra how to make an object."""
 
@@ -160,7 +162,7 @@ def check_instructions(node: Any, where: str = "") -> None:
         if key not in INSTRUCTIONS:
             check_instructions(value, f"{name}.")
         elif key == "_target_" and where:
-            if not isinstance(value, str) or not value:
+            if not isinstance(value, str) or not re.fullmatch(CLASS, value):
                 raise InputError(f"{name} is {shown(value)}; it must be the dotted name of a class")
         elif key == "_partial_" and "_target_" in node and where:
             if not isinstance(value, bool):
@@ -185,6 +187,8 @@ def describe(error: pydantic.ValidationError, key: str, cfg: DictConfig) -> str:
     if first["type"] in ("unexpected_keyword_argument", "extra_forbidden"):
         node = OmegaConf.select(cfg, where.rpartition(".")[0]) if "." in where else cfg
         return no_such_key(where, node)
+    if first["type"] in ABSENT and isinstance(first["loc"][-1], int):
+        return f"{where.rpartition('.')[0]} is {shown(list(first['input']))}; it should hold more values"
     if first["type"] in ABSENT:
         return f"{where} is missing; give it as {where}=..."
     reason = first["msg"].removeprefix("Value error, ").replace("Input should be", "it should be")
@@ -211,7 +215,7 @@ def location(parts: Sequence[int | str], key: str, cfg: DictConfig, last: bool) 
         node = node.get(name) if isinstance(node, dict) else None
     where = [key] if key else []
     for number, part in enumerate(parts):
-        inside = part in node if isinstance(node, dict) else isinstance(node, list) and isinstance(part, int)
+        inside = part in node if isinstance(node, dict) else isinstance(node, list) and part in range(len(node))
         if inside or not (last or number < len(parts) - 1):
             where.append(str(part))
             node = node[part] if inside else None
