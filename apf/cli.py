@@ -33,6 +33,8 @@ GRAMMAR = re.compile(
     r"LexerNoViableAlt|mismatched input|extraneous input|no viable alternative|token recognition error"
 )
 """What Hydra's parser says of a text that its grammar does not know."""
+LONG = 200
+"""Characters of a word that are always shown."""
 _show_traceback = os.environ.get("HYDRA_FULL_ERROR") == "1"
 _in_job = False
 
@@ -130,7 +132,15 @@ class NewFolders(Callback):
 
 
 def one_line(error: BaseException) -> str:
-    """The message of an exception, folded into one line, with the config key that it is about."""
+    """The message of an exception in one line that can be printed, with the config key that it is about.
+
+    What a terminal would not show, or take for a command, is escaped; a word that fills the screen is cut.
+    """
+    line = re.sub(rf"(\S{{{LONG}}})\S{{{LONG},}}", r"\1 ...", _folded(error))
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in line)
+
+
+def _folded(error: BaseException) -> str:
     if isinstance(error, OSError) and error.strerror:
         return f"{error.filename}: {error.strerror}"
     cause = error.__cause__

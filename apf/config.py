@@ -70,7 +70,7 @@ class Config:
     planner: MonteCarloPlanner
     predictor: Predictor | Learned
     tracker: Tracker
-    device: str
+    device: Name
     threads: Few
     sweep: Name
     objective: Objective
@@ -174,6 +174,8 @@ def describe(error: pydantic.ValidationError, key: str, cfg: DictConfig) -> str:
     if first["type"] in ("unexpected_keyword_argument", "extra_forbidden"):
         node = OmegaConf.select(cfg, where.rpartition(".")[0]) if "." in where else cfg
         return no_such_key(where, node)
+    if first["type"] in ABSENT and isinstance(first["loc"][-1], int):
+        return f"{where.rpartition('.')[0]} is {shown(list(first['input']))}; it should hold more values"
     if first["type"] in ABSENT:
         return f"{where} is missing; give it as {where}=..."
     reason = first["msg"].removeprefix("Value error, ").replace("Input should be", "it should be")
@@ -200,7 +202,7 @@ def location(parts: Sequence[int | str], key: str, cfg: DictConfig, last: bool) 
         node = node.get(name) if isinstance(node, dict) else None
     where = [key] if key else []
     for number, part in enumerate(parts):
-        inside = part in node if isinstance(node, dict) else isinstance(node, list) and isinstance(part, int)
+        inside = part in node if isinstance(node, dict) else isinstance(node, list) and part in range(len(node))
         if inside or not (last or number < len(parts) - 1):
             where.append(str(part))
             node = node[part] if inside else None

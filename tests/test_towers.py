@@ -285,7 +285,7 @@ class TestTowerDomain:
 
     def test_too_long_plans_are_refused_by_key(self, domain):
         domain.check_length(6, "sampler")
-        with pytest.raises(InputError, match=r"^sampler: .*7 blocks.*training set has 6"):
+        with pytest.raises(InputError, match=r"^sampler: .*7 blocks.*domain\.training has 6"):
             domain.check_length(7, "sampler")
-        with pytest.raises(InputError, match=r"^evaluation\.blocks: .*evaluation set has 6"):
+        with pytest.raises(InputError, match=r"^evaluation\.blocks: .*domain\.evaluation has 6"):
             domain.check_length(7, "evaluation.blocks", evaluation=True)

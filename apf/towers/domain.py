@@ -47,12 +47,12 @@ class TowerDomain:
     @cached_property
     def training_blocks(self) -> BlockSet:
         """The set that the robot experiments with."""
-        return self.training.load()
+        return _loaded("domain.training.file", self.training)
 
     @cached_property
     def evaluation_blocks(self) -> BlockSet:
         """The novel set."""
-        return self.evaluation.load()
+        return _loaded("domain.evaluation.file", self.evaluation)
 
     def keep(self, directory: Path) -> None:
         """Write both block sets into a run directory, unless they are there: what was labelled stays tied to them."""
@@ -94,7 +94,7 @@ class TowerDomain:
         which = "evaluation" if evaluation else "training"
         n = len(self.evaluation_blocks if evaluation else self.training_blocks)
         if length > n:
-            raise InputError(f"{key}: towers of {length} blocks need {length} blocks; the {which} set has {n}")
+            raise InputError(f"{key}: towers of {length} blocks need {length} blocks; domain.{which} has {n}")
 
     def random_plans(self, length: int, n: int, rng: np.random.Generator) -> Towers:
         """n random plans of `length` placements of training blocks."""
@@ -170,3 +170,10 @@ class TowerDomain:
     def table(self, plans: Towers) -> pd.DataFrame:
         """One row per placement, `tower` counting from 0, in the columns of a tower file."""
         return tower_table(plans)
+
+
+def _loaded(key: str, source: BlockSource) -> BlockSet:
+    try:
+        return source.load()
+    except InputError as error:
+        raise InputError(f"{key}: {error}") from None
