@@ -14,8 +14,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from apf.cli import typed
+from apf.resume import quoted
 from apf.rng import stream
-from apf.rundir import quoted
 from apf.terminal import console
 from apf.towers import BlockSource, random_towers, write_towers
 from integration.command_line import ANALYSIS, TINY, call, spawn
@@ -171,5 +171,5 @@ def test_a_class_in_the_current_folder(here: Path, monkeypatch: pytest.MonkeyPat
     done.must_work()
     assert yaml.safe_load((here / "run" / "config.yaml").read_text())["world"] == {"_target_": "my_world.Mine"}
     call(*TINY, "world._target_=your_world.Mine").must_refuse(
-        "world: No module named 'your_world'", "neither installed", str(here)
+        "world._target_ is your_world.Mine; there is no module your_world"
     )
