@@ -75,8 +75,8 @@ def run_command(
         accept_any_name()
         if FOLLOWER in os.environ:
             end_with_parent()
-        sys.argv[1:] = rewrite(sys.argv[1:])
         find_modules_here()
+        sys.argv[1:] = rewrite(sys.argv[1:])  # may take folders from the path again
         command()
     except KeyboardInterrupt as error:
         print(str(error) or "interrupted", file=sys.stderr)

@@ -17,7 +17,7 @@ from omegaconf import DictConfig, OmegaConf
 from pydantic import Field
 
 from apf.acquisition import Sampler
-from apf.errors import InputError
+from apf.errors import InputError, shown
 from apf.experiment import Acquisition, Execution, Initial
 from apf.models import EnsembleSettings, Training
 from apf.objective import Objective, check_objective
@@ -188,8 +188,6 @@ def describe(error: pydantic.ValidationError, key: str, cfg: DictConfig) -> str:
 
 ABSENT = ("missing", "missing_argument", "missing_keyword_only_argument")
 """What pydantic calls a field that is not there."""
-LONG = 60
-"""Characters of a value that a line shows."""
 
 
 def location(parts: Sequence[int | str], key: str, cfg: DictConfig, last: bool) -> str:
@@ -207,16 +205,6 @@ def location(parts: Sequence[int | str], key: str, cfg: DictConfig, last: bool) 
             where.append(str(part))
             node = node[part] if inside else None
     return ".".join(where)
-
-
-def shown(value: Any) -> str:
-    """A value as one would type it, shortened if it is long."""
-    text = (
-        {None: "null", True: "true", False: "false"}[value]
-        if value is None or value is True or value is False
-        else repr(value)
-    )
-    return text if len(text) <= LONG else f"{text[: LONG - 4]} ..."
 
 
 def check_hydra(hydra: Any, schema: Any = None, prefix: str = "hydra.") -> None:

@@ -21,7 +21,8 @@ from typing import Annotated, Any, TypeVar, Union, get_args, get_origin
 
 import pydantic
 
-from apf.errors import InputError
+from apf.errors import InputError, shown
+from apf.settings import strict
 
 TARGET, PARTIAL = "_target_", "_partial_"
 OURS = "apf"
@@ -106,7 +107,7 @@ def _find_part(node: Mapping[str, Any], hints: Sequence[Any], key: str) -> Part:
     target, partial = node[TARGET], node.get(PARTIAL, False)
     later = [hint for hint in hints if get_origin(hint) is Callable]
     if not isinstance(partial, bool):
-        raise InputError(f"{_join(key, PARTIAL)} is {partial!r}; it must be true or false")
+        raise InputError(f"{_join(key, PARTIAL)} is {shown(partial)}; it must be true or false")
     asked = [a for hint in later for a in _alternatives(get_args(hint)[-1])] if partial else hints
     bases = tuple(hint for hint in asked if isinstance(hint, type) and _is_made_for_apf(hint.__module__))
     if not bases:
@@ -131,7 +132,7 @@ def _find_part(node: Mapping[str, Any], hints: Sequence[Any], key: str) -> Part:
 def _locate(target: Any, where: str) -> Any:
     """What a dotted name stands for. Raises InputError if there is no such thing, or it must not be imported."""
     if not (isinstance(target, str) and re.fullmatch(r"[^\W\d]\w*(\.[^\W\d]\w*)+", target)):
-        raise InputError(f"{where} is {target!r}; it must be MODULE.CLASS")
+        raise InputError(f"{where} is {shown(target)}; it must be MODULE.CLASS")
     names = target.split(".")
     _check_import(names[0], f"{where} is {target}")
     found: Any = None
@@ -160,13 +161,7 @@ def _check_import(package: str, what: str) -> None:
     if package == OURS:
         return
     if package not in sys.stdlib_module_names and _find_spec(package) is None:
-        near = Path(package).is_dir() or Path(f"{package}.py").is_file()
-        hint = (
-            f"; {package} in the current folder is not on Python's path: start with python -m, or set PYTHONPATH=."
-            if near
-            else ""
-        )
-        raise InputError(f"{what}; there is no module {package}{hint}")
+        raise InputError(f"{what}; there is no module {package}, neither installed nor in {Path.cwd()}")
     if not _is_made_for_apf(package):
         raise InputError(
             f"{what}; {package} is not made for apf: it has to import apf or, if pip installed it, to require it"
@@ -234,7 +229,7 @@ def _fields(cls: type) -> dict[str, Any]:
 def _checked(cls: type, values: dict[str, Any]) -> dict[str, Any]:
     """Values for a class that is called later, as its annotations have them."""
     fields = {name: hint for name, hint in _fields(cls).items() if name in values and not name.startswith("_")}
-    configured = {name: (hint, ...) for name, hint in fields.items()}
+    configured = {name: (strict(hint), ...) for name, hint in fields.items()}
     config = pydantic.ConfigDict(arbitrary_types_allowed=True, allow_inf_nan=False)
     model: Any = pydantic.create_model(cls.__name__, __config__=config, **configured)  # type: ignore[call-overload]
     checked = model(**{name: values[name] for name in fields})

@@ -8,9 +8,7 @@ from dataclasses import field
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import PositiveFloat
-
-from apf.settings import settings
+from apf.settings import Seconds, settings
 from apf.tracking.base import Figures, Phase, RunInfo, Tracker
 
 Mode = Literal["offline", "online"]
@@ -49,7 +47,7 @@ class WandbTracker(Tracker):
 
     project: str | None
     mode: Mode
-    timeout: PositiveFloat
+    timeout: Seconds
     """Seconds that a run waits for W&B's servers: when it starts, and for the last figures when it ends."""
     entity: str | None = None
     _open: list[Any] = field(default_factory=list, init=False, repr=False)

@@ -14,8 +14,8 @@ from hydra.utils import get_class
 from omegaconf import DictConfig, OmegaConf
 
 from apf.cli import MISTAKES, one_line
-from apf.config import build, config_dir, shown, validate
-from apf.errors import InputError
+from apf.config import build, config_dir, validate
+from apf.errors import InputError, shown
 from apf.label import LabelConfig
 from apf.machine import check_machine
 from apf.main import make_model
@@ -196,14 +196,14 @@ def test_the_look_at_values_sees_what_is_wrong() -> None:
         ("hydra.launcher.jobs=true -m", ("hydra.launcher.jobs is True",)),
         ("model.network._partial_=null", ("model.network._partial_ is null", "true or false")),
         ("model.network._partial_=false", ("model.network",)),
-        ("+_partial_=true", ("_partial_", "no place")),
-        ("+_target_=os.getcwd", ("_target_", "no place")),
-        ("+initial._partial_=true", ("initial._partial_", "no place")),
-        ("+world._args_=[1]", ("world._args_", "no place")),
-        ("+world._recursive_=5", ("world._recursive_", "no place")),
-        ("+world._convert_=none", ("world._convert_", "no place")),
-        ("world._target_=null", ("world._target_ is null", "name of a class")),
-        ("world._target_=World", ("world._target_ is 'World'", "name of a class")),
+        ("+_partial_=true", ("_partial_", "no such key")),
+        ("+_target_=os.getcwd", ("_target_", "no such key")),
+        ("+initial._partial_=true", ("initial._partial_", "_target_")),
+        ("+world._args_=[1]", ("world._args_", "no such key")),
+        ("+world._recursive_=5", ("world._recursive_", "no such key")),
+        ("+world._convert_=none", ("world._convert_", "no such key")),
+        ("world._target_=null", ("world._target_ is null", "MODULE.CLASS")),
+        ("world._target_=World", ("world._target_ is 'World'", "MODULE.CLASS")),
     ],
 )
 def test_refused_before_anything_is_written(here: Path, override: str, words: tuple[str, ...]) -> None:
