@@ -81,6 +81,7 @@ DIALECTS = {
     "sep=;": "sep=;\r\n" + text_of(good_towers(), ";", comma=True, newline="\r\n"),
     "sep=,": "sep=,\n" + GOOD,
     '"sep=tab"': '"sep=\t"\n' + text_of(good_towers(), "\t"),
+    "sep=^": "sep=^\n" + text_of(good_towers(), "^"),
     "sep= that is not so": "sep=;\n" + GOOD,
     "a comment": "# towers, built in May; by hand\n" + GOOD,
     "comments, quoted, and blank lines": '\n"# towers, built in May"\n,,,\n#\n' + GOOD,
@@ -94,6 +95,7 @@ DIALECTS = {
     "blank lines": "\n\n".join(LINES) + "\n\n\n",
     "lines of blanks": "\n   \n".join(LINES) + "\n \t \n",
     "lines of separators": f"\n{',' * 16}\n".join(LINES) + "\n,,,\n",
+    "lines of as many separators": f"\n{',' * 16}\n".join(LINES) + f"\n{', ' * 16}\n",
     "no line end at the end": GOOD.rstrip("\n"),
     "a comma behind each row": "\n".join([LINES[0], *(f"{line}," for line in LINES[1:])]),
     "a comma behind all lines": "".join(f"{line},\n" for line in LINES),
@@ -129,6 +131,11 @@ BAD = {
     "decimal commas between commas": (edited(2, "0.08", "0,08"), "row 2: 18 fields", "Write 0.1, or separate", ";"),
     "one field": (edited(4, LINES[3], "later"), "row 4: 1 field,"),
     "quoted decimal comma": (edited(3, "0.02", '"0,02"'), "row 3: com_y = 0,02;", "decimal comma?", ";"),
+    "decimal commas, quoted, between commas": (text_of(good_towers(), comma=True), "row 2: dim_x = 0,1", "comma?", ";"),
+    "a quote that takes the next row with it": (
+        "\n".join(["remark," + LINES[0], '"oops,' + LINES[1], *(f'"ok",{r}' for r in LINES[2:])]),
+        "row 2", "quotation mark",
+    ),
     "commas and points": (edited(4, "0,5", "0.5", DIALECTS["semicolons, decimal commas"]), "row 4", "x = 0.5"),
     "thousands, German": (
         edited(4, ";0,5;", ";1.000,5;", DIALECTS["semicolons, decimal commas"]),
