@@ -4,6 +4,8 @@ import difflib
 import hashlib
 import json
 import re
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -74,7 +76,19 @@ class Config:
 
 def validate(cfg: DictConfig) -> Config:
     """All parts of a config, made and checked. Raises InputError, naming the key, for what is unknown or wrong."""
-    config = build(cfg, Config)
+    return check_parts(build(cfg, Config))
+
+
+def with_values(config: Config, values: dict[str, Any], cfg: DictConfig) -> Config:
+    """The same parts with other numbers and names beside them, those of cfg. Raises InputError, naming the key."""
+    try:
+        return replace(config, **values)  # type: ignore[type-var]
+    except pydantic.ValidationError as error:
+        raise InputError(describe(error, "", cfg)) from None
+
+
+def check_parts(config: Config) -> Config:
+    """The config itself, if its parts fit together. Raises InputError, naming the key, if they do not."""
     if not config.task:
         raise InputError("task: none is chosen; choose at least one of tallest, overhang, unsupported")
     first = config.initial.train + config.initial.validation
@@ -169,8 +183,15 @@ def check_hydra(hydra: Any, schema: Any = None, prefix: str = "hydra.") -> None:
 
 def plain(cfg: DictConfig) -> dict[str, Any]:
     """The resolved config without Hydra's own part, as plain containers."""
-    job = OmegaConf.masked_copy(cfg, [str(key) for key in cfg if key != "hydra"])
-    return OmegaConf.to_container(job, resolve=True)  # type: ignore[return-value]
+    keys = [str(key) for key in cfg if key != "hydra"]
+    values = {key: "???" if OmegaConf.is_missing(cfg, key) else cfg[key] for key in keys}
+    return {key: _contained(value) if OmegaConf.is_config(value) else value for key, value in values.items()}
+
+
+def _contained(node: Any) -> Any:
+    """As plain containers, resolved; what holds nothing to resolve takes half the time if it is not asked to be."""
+    container = OmegaConf.to_container(node)
+    return OmegaConf.to_container(node, resolve=True) if "${" in str(container) else container
 
 
 def identity(config: dict[str, Any]) -> dict[str, Any]:
@@ -198,7 +219,11 @@ def flatten(config: dict[str, Any], prefix: str = "") -> dict[str, Any]:
 def run_name(_root_: DictConfig) -> str:
     """Names a run by what it is: sampler-model-world-seed-hash. Resolver `run_name` of the configs."""
     choices = _root_.hydra.runtime.choices if "hydra" in _root_ else HydraConfig.get().runtime.choices
-    config = plain(_root_)
+    return name_of(plain(_root_), choices)
+
+
+def name_of(config: dict[str, Any], choices: Mapping[str, Any]) -> str:
+    """The name of the run of a plain config, and what was chosen of each group."""
     parts = [choices[group] for group in ("sampler", "model", "world")]
     if choices["predictor"] != "learned":
         parts = [choices["predictor"]]

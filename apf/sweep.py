@@ -1,6 +1,7 @@
 """A sweep: finds which of its runs are missing, starts each in a process of its own, and says what came of each."""
 
 import contextlib
+import json
 import os
 import signal
 import subprocess
@@ -10,6 +11,7 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from hydra.core.hydra_config import HydraConfig
 from hydra.core.utils import JobReturn
@@ -19,7 +21,7 @@ from omegaconf import DictConfig, OmegaConf, open_dict
 from rich.console import Console
 
 from apf.cli import FOLLOWER, MISTAKES, one_line
-from apf.config import check_hydra, plain, validate
+from apf.config import Config, build, check_hydra, check_parts, name_of, plain, with_values
 from apf.errors import InputError, Stopped
 from apf.interrupts import Interrupted
 from apf.rundir import check, finished, hydra_arguments, quoted
@@ -57,6 +59,10 @@ class Sweep:
         self.directory = Path(config.hydra.sweep.dir).absolute()
         self.console = Console(stderr=True, highlight=False, soft_wrap=True)
         self.processes: list[subprocess.Popen] = []
+        self.checked: dict[int, DictConfig] = {}
+        """By their ids, configs in which Hydra's own part is right."""
+        self.built: dict[str, Config] = {}
+        """By the settings that they were made of: parts, which the jobs that have them share."""
         self.over = False
 
     def run(self, job_overrides: Sequence[Sequence[str]], first: int) -> list[JobReturn]:
@@ -86,7 +92,8 @@ class Sweep:
         with open_dict(config):
             config.hydra.job.id = config.hydra.job.num = number
         try:
-            directory = self.directory / str(config.hydra.sweep.subdir)
+            values = plain(config)
+            directory = self.directory / subdirectory(config, values)
             command = [
                 *hydra_arguments(config.hydra),
                 *config.hydra.overrides.task,
@@ -97,14 +104,25 @@ class Sweep:
         except MISTAKES as error:
             return Job(overrides, self.directory / f"job {number}", [], 1, "failed", one_line(error))
         try:
-            check_hydra(config.hydra)
-            job_config = OmegaConf.masked_copy(config, [str(key) for key in config if key != "hydra"])
-            HydraConfig.instance().set_config(config)
-            if check(directory, plain(job_config), validate(job_config).domain):
+            if id(config) not in self.checked:
+                check_hydra(config.hydra)
+                self.checked[id(config)] = config
+            HydraConfig.instance().cfg = config  # type: ignore[assignment]  # as `set_config` does, with a copy
+            if check(directory, values, self.validated(config, values).domain):
                 job.state = "already finished"
         except MISTAKES as error:
             job.state, job.reason = "failed", one_line(error)
         return job
+
+    def validated(self, config: DictConfig, values: dict[str, Any]) -> Config:
+        """What `validate` gives, its parts made once for all jobs that have the same. values: the plain config."""
+        parts = {key: value for key, value in values.items() if isinstance(value, dict)}
+        settings = json.dumps(parts)
+        if settings not in self.built:
+            job_config = OmegaConf.masked_copy(config, [str(key) for key in config if key != "hydra"])
+            self.built[settings] = build(job_config, Config)
+        others = {key: value for key, value in values.items() if key not in parts}
+        return check_parts(with_values(self.built[settings], others, config))
 
     # -- on this machine ----------------------------------------------------------------------------------------
 
@@ -174,6 +192,14 @@ class Sweep:
             state = job.state or "not finished"
             reason = f": {job.reason}" if job.reason else ""
             self.console.print(f"{state:<17} {job.directory.name}{reason}", markup=False)
+
+
+def subdirectory(config: DictConfig, values: dict[str, Any]) -> str:
+    """Where in the sweep's directory a job goes. values: its plain config, which is not made again for a run's name."""
+    sweep = OmegaConf.to_container(config.hydra.sweep)
+    if isinstance(sweep, dict) and sweep["subdir"] == "${run_name:}":
+        return name_of(values, config.hydra.runtime.choices)
+    return str(config.hydra.sweep.subdir)
 
 
 def run_here(cfg: DictConfig) -> str:
