@@ -99,6 +99,14 @@ def settle(cfg: DictConfig, kept: Path | None = None) -> tuple[dict[str, Any], C
     return values, config
 
 
+def with_values(config: Config, values: dict[str, Any], cfg: DictConfig) -> Config:
+    """The same parts with other numbers and names beside them, those of cfg. Raises InputError, naming the key."""
+    try:
+        return replace(config, **values)
+    except pydantic.ValidationError as error:
+        raise InputError(describe(error, "", cfg)) from None
+
+
 def check_together(config: Config) -> None:
     """Raises InputError, naming the key, if parts that are right by themselves do not fit each other."""
     if not config.task:
@@ -226,8 +234,15 @@ def check_hydra(hydra: Any, schema: Any = None, prefix: str = "hydra.") -> None:
 
 def plain(cfg: DictConfig) -> dict[str, Any]:
     """The resolved config without Hydra's own part, as plain containers."""
-    job = OmegaConf.masked_copy(cfg, [str(key) for key in cfg if key != "hydra"])
-    return OmegaConf.to_container(job, resolve=True)  # type: ignore[return-value]
+    keys = [str(key) for key in cfg if key != "hydra"]
+    values = {key: "???" if OmegaConf.is_missing(cfg, key) else cfg[key] for key in keys}
+    return {key: _contained(value) if OmegaConf.is_config(value) else value for key, value in values.items()}
+
+
+def _contained(node: Any) -> Any:
+    """As plain containers, resolved; what holds nothing to resolve takes half the time if it is not asked to be."""
+    container = OmegaConf.to_container(node)
+    return OmegaConf.to_container(node, resolve=True) if "${" in str(container) else container
 
 
 def understood(given: Any, made: Any) -> Any:
@@ -284,7 +299,11 @@ def flatten(config: dict[str, Any], prefix: str = "") -> dict[str, Any]:
 def run_name(_root_: DictConfig) -> str:
     """Names a run by what it is: sampler-model-world-seed-hash. Resolver `run_name` of the configs."""
     choices = _root_.hydra.runtime.choices if "hydra" in _root_ else HydraConfig.get().runtime.choices
-    config = plain(_root_)
+    return name_of(plain(_root_), choices)
+
+
+def name_of(config: dict[str, Any], choices: Mapping[str, Any]) -> str:
+    """The name of the run of a plain config, and what was chosen of each group."""
     parts = [choices[group] for group in ("sampler", "model", "world")]
     if choices["predictor"] != "learned":
         parts = [choices["predictor"]]

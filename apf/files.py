@@ -14,6 +14,8 @@ from apf.errors import InputError
 
 HALF = re.compile(r"\..+\.[0-9a-f]{8}\.apf-part")
 """Names of files that `replacing` has not finished."""
+SAFE_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+"""The one in C, where PyYAML has it, takes a tenth of the time."""
 
 
 @contextlib.contextmanager
@@ -92,7 +94,7 @@ def write_yaml(path: Path, content: dict) -> None:
 def read_yaml(path: Path) -> dict:
     """Raises InputError if there is no such file, or it is no YAML mapping."""
     try:
-        content = yaml.safe_load(path.read_text())
+        content = yaml.load(path.read_text(), SAFE_LOADER)
     except FileNotFoundError:
         raise InputError(f"{path}: no such file") from None
     except OSError as error:

@@ -1,6 +1,7 @@
 """A sweep: finds which of its runs are missing, starts each in a process of its own, and says what came of each."""
 
 import contextlib
+import json
 import os
 import signal
 import subprocess
@@ -10,6 +11,7 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from hydra.core.hydra_config import HydraConfig
 from hydra.core.utils import JobReturn
@@ -18,7 +20,7 @@ from hydra.types import HydraContext
 from omegaconf import DictConfig, OmegaConf, open_dict
 
 from apf.cli import FOLLOWER, MISTAKES, one_line
-from apf.config import check_hydra, settle
+from apf.config import Config, build, check_hydra, check_together, name_of, plain, understood, with_values
 from apf.errors import InputError, Stopped
 from apf.interrupts import Interrupted
 from apf.machine import check_machine, cores
@@ -68,6 +70,10 @@ class Sweep:
         self.directory = Path(config.hydra.sweep.dir).absolute()
         self.console = console(stderr=True)
         self.processes: list[subprocess.Popen] = []
+        self.checked: dict[int, DictConfig] = {}
+        """By their ids, configs in which Hydra's own part is right."""
+        self.built: dict[str, Config] = {}
+        """By the settings that they were made of: parts, which the jobs that have them share."""
         self.over = False
         self.optimised = optimises(config.hydra, config.get("objective"))
 
@@ -104,7 +110,8 @@ class Sweep:
         with open_dict(config):
             config.hydra.job.id = config.hydra.job.num = number
         try:
-            directory = self.directory / str(config.hydra.sweep.subdir)
+            values = plain(config)
+            directory = self.directory / subdirectory(config, values)
             command = [
                 *hydra_arguments(config.hydra),
                 *as_typed(config.hydra.overrides.task),
@@ -115,18 +122,31 @@ class Sweep:
         except MISTAKES as error:
             return Job(overrides, self.directory / f"job {number}", [], 1, "failed", one_line(error))
         try:
-            check_hydra(config.hydra)
-            job_config = OmegaConf.masked_copy(config, [str(key) for key in config if key != "hydra"])
-            HydraConfig.instance().set_config(config)
-            values, parts = settle(job_config)
+            if id(config) not in self.checked:
+                check_hydra(config.hydra)
+                self.checked[id(config)] = config
+            HydraConfig.instance().cfg = config  # type: ignore[assignment]  # as `set_config` does, with a copy
+            parts = self.validated(config, values)
             if self.engine is None:
                 check_machine(parts)
             job.objective, job.towers = parts.objective, parts.towers
-            if check(directory, values, parts.domain):
+            if check(directory, understood(values, parts), parts.domain):
                 job.state = "already finished"
         except MISTAKES as error:
             job.state, job.reason = "failed", one_line(error)
         return job
+
+    def validated(self, config: DictConfig, values: dict[str, Any]) -> Config:
+        """What `validate` gives, its parts made once for all jobs that have the same. values: the plain config."""
+        parts = {key: value for key, value in values.items() if isinstance(value, dict)}
+        settings = json.dumps(parts)
+        if settings not in self.built:
+            job_config = OmegaConf.masked_copy(config, [str(key) for key in config if key != "hydra"])
+            self.built[settings] = build(job_config, Config)
+        others = {key: value for key, value in values.items() if key not in parts}
+        config_of_job = with_values(self.built[settings], others, config)
+        check_together(config_of_job)
+        return config_of_job
 
     # -- on this machine ----------------------------------------------------------------------------------------
 
@@ -209,6 +229,14 @@ class Sweep:
             reason = f": {job.reason}" if job.reason else ""
             value = f": {job.value}" if job.value is not None else ""
             self.console.print(f"{state:<17} {job.directory.name}{reason or value}")
+
+
+def subdirectory(config: DictConfig, values: dict[str, Any]) -> str:
+    """Where in the sweep's directory a job goes. values: its plain config, which is not made again for a run's name."""
+    sweep = OmegaConf.to_container(config.hydra.sweep)
+    if isinstance(sweep, dict) and sweep["subdir"] == "${run_name:}":
+        return name_of(values, config.hydra.runtime.choices)
+    return str(config.hydra.sweep.subdir)
 
 
 def run_here(cfg: DictConfig) -> str:

@@ -4,7 +4,10 @@ Kept light: every Hydra application that is installed beside this one imports it
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
+from typing import cast
 
+from hydra.core.config_loader import ConfigLoader
 from hydra.core.utils import JobReturn
 from hydra.plugins.launcher import Launcher
 from hydra.types import HydraContext, TaskFunction
@@ -23,12 +26,15 @@ class SweepLauncher(Launcher):
 
     def setup(self, *, hydra_context: HydraContext, task_function: TaskFunction, config: DictConfig) -> None:
         """Called once, before `launch`."""
+        from apf.composing import Composer
         from apf.sweep import run_here
 
         self.context = hydra_context
         self.config = config
         if self.engine is not None:
-            self.engine.setup(hydra_context=hydra_context, task_function=run_here, config=config)
+            self.engine.setup(hydra_context=replace(hydra_context), task_function=run_here, config=config)
+        # the sweeper, which tries out all jobs before the first is launched, uses it too
+        hydra_context.config_loader = cast(ConfigLoader, Composer(hydra_context.config_loader, config))
 
     def launch(self, job_overrides: Sequence[Sequence[str]], initial_job_idx: int) -> Sequence[JobReturn]:
         """One run for each list of overrides."""
