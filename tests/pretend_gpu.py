@@ -8,6 +8,7 @@ write.
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -212,5 +213,6 @@ def pretend_gpu() -> Iterator[PretendGPU]:
         patch.setattr(torch.cuda, "CUDAGraph", PretendGraph)
         patch.setattr(torch.cuda, "graph", _recording)
         patch.setattr(torch.cuda, "graph_pool_handle", lambda: (0, 0))
+        patch.setattr(torch.cuda, "get_device_properties", lambda device: SimpleNamespace(total_memory=2**33))
         patch.setattr(torch.autograd, "grad", lambda y, *a, **k: _mark(gradients(y, *a, **k), on_gpu(y)))
         yield gpu

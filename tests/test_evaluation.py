@@ -136,9 +136,9 @@ def evaluator_with(
     **others: Any,
 ) -> tuple[Evaluator, list[str]]:
     """An evaluator of small problems, and the list that it writes its progress to."""
-    said: list[str] = []
+    said: list[tuple[int, str, int, int]] = []
     planner = MonteCarloPlanner(candidates=candidates)
-    return Evaluator(settings_with(**others), domain, planner, tasks, said.append, limit), said
+    return Evaluator(settings_with(**others), domain, planner, tasks, lambda *what: said.append(what), limit), said
 
 
 def problem(domain: TowerDomain, number: int, candidates: int = CANDIDATES) -> Towers:
@@ -156,7 +156,7 @@ class TestRegret:
         evaluator, said = evaluator_with(domain, worlds=worlds)
         table = evaluator.regret(Says(lambda plans: stands(plans).astype(float)), step=3, towers=70)
         assert table.columns.tolist() == REGRET_COLUMNS
-        assert said == ["planning, problem 1 of 2", "planning, problem 2 of 2"]
+        assert said == [(3, "planning", 1, 2), (3, "planning", 2, 2)]
         expected = []
         for number in range(2):
             candidates = problem(domain, number)
@@ -259,7 +259,7 @@ class TestAccuracy:
         table = evaluator.accuracy(Says(stands), step=3, towers=70)
         assert table.columns.tolist() == ACCURACY_COLUMNS
         assert table.to_numpy().tolist() == [[3, 70, 2, 1.0, 1.0, 20], [3, 70, 4, 1.0, 1.0, 20]]
-        assert said == ["testing on towers of 2", "testing on towers of 4"]
+        assert said == [(3, "testing", 1, 2), (3, "testing", 2, 2)]
         for length in (2, 4):
             plans, labels = evaluator.test_set(length)
             assert plans.blocks == domain.evaluation_blocks or plans.blocks.equals(domain.evaluation_blocks)
@@ -303,7 +303,7 @@ class TestAccuracy:
     ],
 )
 def test_wrong_settings_are_refused(wrong: dict[str, Any]) -> None:
-    settings_with(every=1, problems=0, blocks=2, lengths=[2, 2], test_towers=0, seed=0)
+    settings_with(every=1, problems=0, blocks=2, lengths=[2, 3], test_towers=0, seed=0)
     with pytest.raises(ValidationError, match=next(iter(wrong))):
         settings_with(**wrong)
 

@@ -123,6 +123,8 @@ def test_the_table_of_towers_is_what_one_tower_after_another_gives(
 
 
 def test_an_empty_table_of_towers_has_the_types_of_a_full_one(tmp_path: Path, domain: TowerDomain) -> None:
+    for name in ("empty", "full"):
+        (tmp_path / name).mkdir()
     empty, full = Store(tmp_path / "empty", domain), Store(tmp_path / "full", domain)
     grow(full, domain, 20, every=20)
     assert len(empty.towers()) == 0
