@@ -106,6 +106,7 @@ def test_jobs_that_differ_in_values_are_composed_once(loader: ConfigLoader, mast
     [
         (["sampler=greedy", "sampler=sequential", "sampler=greedy"], 2),  # a choice of a group
         (["execution={time_limit:1}", "execution={time_limit:2}"], 2),  # mappings are merged
+        (["seed={a:1}", "seed={b:2}"], 2),
         (["+training.extra=1", "+training.extra=2"], 2),
         (["hydra.job.name=one", "hydra.job.name=two"], 2),
         (["execution.time_limit=1", "execution.time_limit=2", "execution.time_limit=null"], 1),
