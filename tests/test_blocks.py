@@ -4,7 +4,7 @@ from pydantic import ValidationError
 
 from apf.errors import InputError
 from apf.towers import BlockSet, BlockSource, rotation_index, write_blocks
-from apf.towers.blocks import TABLE
+from apf.towers.blocks import MOST, TABLE
 
 HALF = np.sqrt(0.5)
 
@@ -148,6 +148,14 @@ def test_a_file_takes_the_place_of_random_blocks(tmp_path, blocks):
     loaded = BlockSource(blocks=2, file=tmp_path / "mine.csv").load()
     assert loaded.name == blocks.name
     assert loaded.dims.tobytes() == blocks.dims.tobytes()
+
+
+def test_a_file_of_more_blocks_than_towers_are_drawn_from(tmp_path, cubes):
+    n = MOST + 1
+    many = BlockSet(tuple(map(str, range(n))), *(np.repeat(v[:1], n, 0) for v in (cubes.dims, cubes.com, cubes.mass)))
+    write_blocks(many, tmp_path / "many.parquet")
+    with pytest.raises(InputError, match=r"many\.parquet: 32768 blocks; towers are drawn from at most 32767"):
+        BlockSource(file=tmp_path / "many.parquet").load()
 
 
 @pytest.mark.parametrize(

@@ -343,10 +343,10 @@ def test_parquet_columns_of_odd_types_get_one_line(tmp_path, kind, column):
     )
 
 
-@pytest.mark.parametrize("kind", [pa.decimal128(10, 3), pa.float32(), pa.large_string(), pa.null(), pa.float16()])
+@pytest.mark.parametrize("kind", [pa.decimal128(30, 15), pa.float32(), pa.large_string(), pa.null(), pa.float16()])
 def test_parquet_columns_of_other_types(tmp_path, kind):
     """Decimals give the doubles nearest to them; a column of nothing is empty."""
-    values = {pa.decimal128(10, 3): decimal.Decimal("0.061"), pa.large_string(): "0.061", pa.null(): None}
+    values = {pa.decimal128(30, 15): decimal.Decimal("0.103000000000123"), pa.large_string(): "0.061", pa.null(): None}
     table = pa.Table.from_pandas(good_blocks().iloc[:1].infer_objects())
     value = values.get(kind, 0.0625)
     table = table.set_column(1, "dim_x", column_of([np.float16(value) if kind == pa.float16() else value], kind))
@@ -361,6 +361,14 @@ def test_parquet_columns_that_stand_twice(tmp_path):
     table = pa.Table.from_pandas(typed())
     pq.write_table(table.append_column("mass", table["mass"]), tmp_path / "t.parquet")
     refused(read_towers, tmp_path / "t.parquet", "column mass stands twice")
+
+
+def test_what_a_library_says_of_bytes_is_told_in_one_line(tmp_path, monkeypatch):
+    def broken(path):
+        raise OSError("Couldn't deserialize thrift: don't know what type: \x0e\nmore")
+
+    monkeypatch.setattr("apf.tables.ParquetFile", broken)
+    refused(read_towers, tmp_path / "t.parquet", "cannot be read as a table: ", "what type: \\x0e")
 
 
 def test_a_folder_is_no_file(tmp_path):

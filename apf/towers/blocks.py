@@ -21,6 +21,8 @@ SIDES = (1e-6, 1e6)
 """Sides that can be computed with [m]: differences of positions keep a few digits, and products do not overflow."""
 MASSES = (1e-9, 1e9)
 """Masses that can be computed with [kg]."""
+MOST = 32_767
+"""Blocks that random towers are drawn from are numbered by int16."""
 TABLE = 4096
 """Sets of up to so many blocks keep a table of all their rotations."""
 _UNREADABLE = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff]|^\s|\s$|^$")
@@ -176,7 +178,10 @@ class BlockSource:
         if self.file is not None:
             from apf.towers.files import read_blocks
 
-            return read_blocks(self.file)
+            blocks = read_blocks(self.file)
+            if len(blocks) > MOST:
+                raise InputError(f"{self.file}: {len(blocks)} blocks; towers are drawn from at most {MOST}")
+            return blocks
         rng = stream(self.seed, "blocks")
         dims = rng.uniform(*self.side, (self.blocks, 3))
         mass = rng.uniform(*self.mass, self.blocks)

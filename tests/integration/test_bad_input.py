@@ -279,7 +279,7 @@ def test_a_block_file_in_another_unit(here: Path) -> None:
     block_file(here / "mine.csv")
     text = (here / "mine.csv").read_text()
     (here / "mine.csv").write_text(text.replace("dim_x", "dim_x [inch]", 1))
-    refused(here, "domain.training.file=mine.csv", words=("mine.csv", "dim_x", "inch"))
+    refused(here, "domain.training.file=mine.csv", words=("mine.csv", "dim_x", "inch", "mm"))
 
 
 def test_a_block_file_with_too_few_blocks(here: Path) -> None:
