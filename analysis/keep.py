@@ -10,7 +10,8 @@ from pathlib import Path
 
 from commands import finished_runs, one_line_errors, parser_of
 
-from apf.files import read_yaml, write_yaml
+from apf.files import write_yaml
+from apf.kept import Summary, read_state
 from apf.runs import Run
 
 TABLES = ("regret.parquet", "accuracy.parquet")
@@ -22,7 +23,7 @@ STATE = ("name", "hash", "sweep", "choices", "versions", "finished", "seconds")
 
 def keep(run: Run, out: Path) -> Path:
     """Copy one run; returns where to."""
-    state = read_yaml(run.directory / "run.yaml")
+    state = read_state(run.directory, Summary)
     copy = out / (state["sweep"] or "") / state["name"]
     copy.mkdir(parents=True, exist_ok=True)
     reported = [OF_A_WORLD] if (run.directory / OF_A_WORLD).exists() else []

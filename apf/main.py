@@ -10,13 +10,13 @@ from hydra.core.hydra_config import HydraConfig
 from hydra.types import RunMode
 from omegaconf import DictConfig
 
-from apf.claim import STATE, WORLD_TABLE, locked
+from apf.claim import CONFIG, WORLD_TABLE, locked
 from apf.cli import one_line_errors, run_command
 from apf.config import Config, Learned, check_hydra, config_dir, describe, settle
 from apf.cpu import set_up_cpu
 from apf.errors import InputError
 from apf.experiment import Experiment
-from apf.files import read_yaml
+from apf.kept import read_state
 from apf.machine import check_machine, check_weights
 from apf.models import Ensemble, pick_device
 from apf.objective import must_be_number, optimises, returned
@@ -43,7 +43,12 @@ def job(cfg: DictConfig) -> float | tuple[float, ...] | None:
     resuming = hydra_config.job.config_name == RESUME
     if resuming:
         go_where_it_began(directory)
-    plain_config, config = settle(cfg, kept=directory if resuming else None)
+    try:
+        plain_config, config = settle(cfg, kept=directory if resuming else None)
+    except InputError as error:
+        if not resuming or hydra_config.overrides.task:
+            raise
+        raise InputError(f"{directory / CONFIG}: {error}") from None  # nothing else was typed
     check_machine(config)
     set_up_cpu(config.threads)
     model = make_model(cfg, config)
@@ -68,7 +73,7 @@ def job(cfg: DictConfig) -> float | tuple[float, ...] | None:
 def run(directory: Path, plain_config: dict[str, Any], config: Config, model: Ensemble) -> None:
     """Do what is missing of the run in the (locked) directory, and show it."""
     store = Store(directory, config.domain)
-    state = read_yaml(directory / STATE)
+    state = read_state(directory)
     console = ConsoleTracker()
     tracker = Trackers([console, config.tracker])
     experiment = make_experiment(config, model, store, tracker)
@@ -77,7 +82,7 @@ def run(directory: Path, plain_config: dict[str, Any], config: Config, model: En
     failed = True
     try:
         tracker.start(info)
-        for notice in (changed(state.get("versions")), store.journal.notice):
+        for notice in (changed(state["versions"]), store.journal.notice):
             if notice:
                 console.say(notice)
         if isinstance(config.predictor, Learned):

@@ -10,7 +10,7 @@ import pandas as pd
 from hydra.core.utils import JobReturn, JobStatus
 from pydantic import BeforeValidator
 
-from apf.errors import InputError, Stopped
+from apf.errors import InputError, Stopped, shown
 from apf.planning import EvaluationSettings
 
 OPTIMISERS = ("optuna", "ax", "nevergrad")
@@ -57,7 +57,7 @@ def check_objective(objective: Objective, evaluation: EvaluationSettings, tasks:
     known = names_of(evaluation, tasks)
     for name in objective:
         if name not in known:
-            raise InputError(f"objective: there is no figure {name!r}; there are: {', '.join(known) or 'none'}")
+            raise InputError(f"objective: there is no figure {shown(name)}; there are: {', '.join(known) or 'none'}")
 
 
 def optimises(hydra: Any, objective: object) -> bool:

@@ -71,7 +71,10 @@ def job(cfg: DictConfig) -> None:
 def domain_of(run: Path) -> TowerDomain:
     """The domain that a run directory's config describes, with the block sets that are kept there."""
     kept = OmegaConf.create(as_literal({"domain": kept_config(run)["domain"]}))
-    return build(kept, KeptDomain).domain.kept_in(run)
+    try:
+        return build(kept, KeptDomain).domain.kept_in(run)
+    except InputError as error:
+        raise InputError(f"{run / CONFIG}: {error}") from None
 
 
 def checked(labels: str, length: int) -> str:

@@ -8,7 +8,7 @@ from rich.table import Table
 from rich.text import Text
 
 from apf import figures
-from apf.files import read_yaml
+from apf.kept import Summary, read_state
 
 
 def save_figures(directory: Path) -> None:
@@ -25,7 +25,7 @@ def save_figures(directory: Path) -> None:
 
 def print_summary(directory: Path, console: Console) -> None:
     """Wall time, median regret and towers standing for each world and task, accuracy for each length, and the place."""
-    seconds = read_yaml(directory / "run.yaml")["seconds"]
+    seconds = read_state(directory, Summary)["seconds"]
     regret, accuracy = (pd.read_parquet(directory / f"{name}.parquet") for name in ("regret", "accuracy"))
     last = max([*regret["step"], *accuracy["step"]], default=0)
     regret, accuracy = regret[regret["step"] == last], accuracy[accuracy["step"] == last]

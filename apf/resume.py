@@ -14,7 +14,7 @@ from hydra.core.override_parser.types import Quote, QuotedString
 from apf.claim import CONFIG, JOURNAL, LOCK, STATE, TABLES, WORLD_TABLE
 from apf.config import Config
 from apf.errors import InputError
-from apf.files import read_yaml
+from apf.kept import read_config, read_state
 
 RESUME = "resume"
 """Name of the config that a resumed run is composed from, `conf/resume.yaml`."""
@@ -44,8 +44,8 @@ def resumed(arguments: list[str]) -> list[str]:
     if not ((directory / CONFIG).exists() and (directory / STATE).exists()):
         raise InputError(f"resume={directory}: no run there; give a directory that holds {CONFIG} and {STATE}")
     shut_off(directory)
-    config, state = kept_config(directory), read_yaml(directory / STATE)
-    store(directory, config, state.get("choices"))
+    config, state = kept_config(directory), read_state(directory)
+    store(directory, config, state["choices"])
     return [*others, "--config-name", RESUME]
 
 
@@ -73,7 +73,7 @@ def _is_inside(path: Path, home: Path) -> bool:
 def kept_config(directory: Path) -> dict[str, Any]:
     """The plain config that a run directory keeps. Raises InputError if a key of it is none of a run's."""
     path = directory / CONFIG
-    config = read_yaml(path)
+    config = read_config(directory)
     known = Config.__dataclass_fields__
     for key in config:
         if key not in known:
@@ -141,6 +141,6 @@ def quoted(value: Path | str) -> str:
 
 def go_where_it_began(directory: Path) -> None:
     """Relative paths of a kept config mean what they meant at first, if that folder is there still."""
-    cwd = read_yaml(directory / STATE).get("cwd")
-    if isinstance(cwd, str) and Path(cwd).is_dir() and not _is_inside(Path(cwd), directory.resolve()):
+    cwd = read_state(directory)["cwd"]
+    if Path(cwd).is_dir() and not _is_inside(Path(cwd), directory.resolve()):
         os.chdir(cwd)

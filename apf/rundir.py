@@ -3,7 +3,7 @@
 import contextlib
 import secrets
 import shlex
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,7 @@ from apf.errors import InputError, Stopped
 from apf.files import checksum, read_yaml, write_yaml
 from apf.interrupts import Interrupted
 from apf.journal import Journal, create
+from apf.kept import read_config, read_state
 from apf.towers import TowerDomain
 from apf.versions import versions
 
@@ -32,7 +33,7 @@ def check(directory: Path, config: dict[str, Any], domain: TowerDomain) -> bool:
     """
     if not holds_run(directory):
         return False
-    kept = read_yaml(directory / CONFIG)
+    kept = read_config(directory)
     mine, theirs = (flatten(identity(c)) for c in (config, kept))
     differing = [key for key in sorted(mine.keys() | theirs.keys()) if mine.get(key) != theirs.get(key)]
     if differing:
@@ -56,9 +57,9 @@ def check(directory: Path, config: dict[str, Any], domain: TowerDomain) -> bool:
 
 def check_blocks(directory: Path, domain: TowerDomain) -> None:
     """Raises InputError if a block set is not the one that the run began with."""
-    began = read_yaml(directory / STATE).get("blocks")
+    began = read_state(directory)["blocks"]
     for name, digest in domain.digests.items():
-        if not isinstance(began, Mapping) or began.get(name) != digest:
+        if began.get(name) != digest:
             raise InputError(
                 f"{directory / name} differs from the blocks of now, or was changed; labels belong to the blocks that "
                 "the run began with"
@@ -131,7 +132,7 @@ def holds_run(directory: Path) -> bool:
 
 def lengthen(directory: Path, config: dict[str, Any]) -> None:
     """Note that the run goes farther now, if it does."""
-    kept = read_yaml(directory / CONFIG)
+    kept = read_config(directory)
     if kept[LENGTH] != config[LENGTH]:
         reopen(directory)
         write_yaml(directory / CONFIG, {**kept, LENGTH: config[LENGTH]})
@@ -143,19 +144,19 @@ def finish(directory: Path, journal: Journal) -> None:
     reported = [WORLD_TABLE] if (directory / WORLD_TABLE).exists() else []
     files = {name: checksum(directory / name) for name in (JOURNAL, *TABLES, *reported, *weights)}
     done = {"finished": True, "seconds": round(journal.seconds, 1), "journal": asdict(journal.end), "files": files}
-    write_yaml(directory / STATE, {**read_yaml(directory / STATE), **done})
+    write_yaml(directory / STATE, {**read_state(directory), **done})
 
 
 def reopen(directory: Path) -> None:
     """Note that a finished run has something to do again."""
-    write_yaml(directory / STATE, {**read_yaml(directory / STATE), "finished": False})
+    write_yaml(directory / STATE, {**read_state(directory), "finished": False})
 
 
 def finished(directory: Path) -> bool:
     """Has the run there finished, and are its journal, tables and weights still what they were?"""
     if not (directory / STATE).exists():
         return False
-    state = read_yaml(directory / STATE)
+    state = read_state(directory)
     files = state.get("files", {})
     return bool(state.get("finished")) and all(checksum(directory / name) == files[name] for name in files)
 

@@ -9,7 +9,7 @@ import pandas as pd
 
 from apf.config import NO_EFFECT, flatten, identity
 from apf.errors import InputError
-from apf.files import read_yaml
+from apf.kept import Summary, read_config, read_state
 
 NOT_A_GROUP = ("seed",)
 """Keys by which runs of one group may differ."""
@@ -44,9 +44,9 @@ def find_runs(directories: Sequence[Path]) -> tuple[list[Run], list[Path]]:
         if not top.is_dir():
             raise InputError(f"{top}: no such directory; give a run directory or one that holds runs")
         for path in sorted(top.rglob("run.yaml")):
-            state = read_yaml(path)
-            if state.get("finished"):
-                config = read_yaml(path.parent / "config.yaml")
+            state = read_state(path.parent, Summary)
+            if state["finished"]:
+                config = read_config(path.parent)
                 finished[path.parent.resolve()] = Run(path.parent, config, state["choices"])
             else:
                 unfinished.append(path.parent)

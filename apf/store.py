@@ -18,10 +18,12 @@ import numpy as np
 import pandas as pd
 
 from apf.acquisition import Scored
+from apf.claim import STATE
 from apf.data import UNOBSERVED, Labelled
 from apf.errors import InputError
-from apf.files import checksum, make_folder, read_yaml, remove_unfinished, replacing
+from apf.files import checksum, make_folder, remove_unfinished, replacing
 from apf.journal import HEADER, End, Journal, Record
+from apf.kept import read_state
 from apf.planning.evaluation import ACCURACY_COLUMNS, REGRET_COLUMNS
 from apf.records import check
 from apf.tables import write_table
@@ -84,7 +86,7 @@ class Store:
         """Raises InputError if the journal is damaged, another run's, or cannot be written."""
         self.directory = directory
         self.domain = domain
-        state = read_yaml(directory / "run.yaml") if (directory / "run.yaml").exists() else {}
+        state = read_state(directory) if (directory / STATE).exists() else {}
         known = state.get("journal")
         self.journal = Journal(directory / "journal.jsonl", state.get("id", ""), End(**known) if known else None)
         make_folder(directory / "weights")
