@@ -164,8 +164,8 @@ def test_folders_without_runs(
 ) -> None:
     (tmp_path / "empty").mkdir()
     (tmp_path / "half").mkdir()
-    begun = "name: half\nhash: abc\nsweep: null\nchoices: {}\nversions: {}\nfinished: false\nseconds: 0.0\n"
-    (tmp_path / "half" / "run.yaml").write_text(begun)
+    state = {"name": "half", "hash": "", "sweep": None, "choices": {}, "versions": {}, "finished": False, "seconds": 0}
+    (tmp_path / "half" / "run.yaml").write_text(yaml.safe_dump(state))
     for folder, words in (
         ("empty", ("no finished run",)),
         ("half", ("no finished run", "1", "not finished")),
