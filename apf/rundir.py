@@ -3,7 +3,7 @@
 import contextlib
 import secrets
 import shlex
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ from omegaconf import OmegaConf
 
 from apf.claim import CONFIG, JOURNAL, STATE, TABLES, WORLD_TABLE, is_new, refuse_foreign
 from apf.config import LENGTH, config_dir, config_hash, flatten, identity
-from apf.errors import InputError, Stopped
+from apf.errors import InputError, Stopped, shown
 from apf.files import checksum, read_yaml, write_yaml
 from apf.interrupts import Interrupted
 from apf.journal import Journal, create
@@ -23,6 +23,16 @@ from apf.versions import versions
 
 NOT_KEPT = ("hydra.mode", "hydra.run.", "hydra.sweep", "hydra/sweeper", "hydra.launcher", "hydra/launcher")
 """Hydra's own overrides that say where and how a run is started, not what it is."""
+
+NEEDED: dict[str, tuple[Any, str]] = {
+    "name": (str, "a text"),
+    "id": (str, "a text"),
+    "sweep": (str | None, "a text or null"),
+    "blocks": (dict, "the digests of the block sets, by file"),
+    "finished": (bool, "true or false"),
+    "files": (dict | None, "the checksums of a finished run's files"),
+}
+"""What run.yaml must hold: types, and what to say of them."""
 
 
 def check(directory: Path, config: dict[str, Any], domain: TowerDomain) -> bool:
@@ -37,6 +47,8 @@ def check(directory: Path, config: dict[str, Any], domain: TowerDomain) -> bool:
     differing = [key for key in sorted(mine.keys() | theirs.keys()) if mine.get(key) != theirs.get(key)]
     if differing:
         raise InputError(f"{directory} holds a run of another config; these keys differ: {', '.join(differing)}")
+    if type(kept.get(LENGTH)) is not int:
+        raise InputError(f"{directory / CONFIG}: {LENGTH} is {shown(kept.get(LENGTH))}; it must be a number of towers")
     check_blocks(directory, domain)
     if not (directory / JOURNAL).exists():
         raise InputError(
@@ -54,11 +66,23 @@ def check(directory: Path, config: dict[str, Any], domain: TowerDomain) -> bool:
     return done and config[LENGTH] <= kept[LENGTH]
 
 
+def read_state(directory: Path) -> dict[str, Any]:
+    """What run.yaml says. Raises InputError if what is needed to go on is missing, or of another type."""
+    path = directory / STATE
+    state = read_yaml(path)
+    for key, (kind, word) in NEEDED.items():
+        if key not in state and key != "files":
+            raise InputError(f"{path}: {key} is missing; it must be {word}")
+        if not isinstance(state.get(key), kind):
+            raise InputError(f"{path}: {key} is {shown(state.get(key))}; it must be {word}")
+    return state
+
+
 def check_blocks(directory: Path, domain: TowerDomain) -> None:
     """Raises InputError if a block set is not the one that the run began with."""
-    began = read_yaml(directory / STATE).get("blocks")
+    began = read_state(directory)["blocks"]
     for name, digest in domain.digests.items():
-        if not isinstance(began, Mapping) or began.get(name) != digest:
+        if began.get(name) != digest:
             raise InputError(
                 f"{directory / name} differs from the blocks of now, or was changed; labels belong to the blocks that "
                 "the run began with"
@@ -156,7 +180,7 @@ def finished(directory: Path) -> bool:
     if not (directory / STATE).exists():
         return False
     state = read_yaml(directory / STATE)
-    files = state.get("files", {})
+    files = state.get("files") or {}
     return bool(state.get("finished")) and all(checksum(directory / name) == files[name] for name in files)
 
 
