@@ -1,5 +1,6 @@
 """From a composed config to checked objects: the schema of the root, unknown keys, ranges, names and hashes."""
 
+import contextlib
 import difflib
 import hashlib
 import json
@@ -235,14 +236,31 @@ def check_hydra(hydra: Any, schema: Any = None, prefix: str = "hydra.") -> None:
 def plain(cfg: DictConfig) -> dict[str, Any]:
     """The resolved config without Hydra's own part, as plain containers."""
     keys = [str(key) for key in cfg if key != "hydra"]
+    refer = [key for key in keys if OmegaConf.is_interpolation(cfg, key)]
+    raw: Any = OmegaConf.to_container(cfg) if refer else {}
     values = {key: "???" if OmegaConf.is_missing(cfg, key) else cfg[key] for key in keys}
+    values |= {key: _as_typed(raw[key], values[key]) for key in refer}
     return {key: _contained(value) if OmegaConf.is_config(value) else value for key, value in values.items()}
 
 
 def _contained(node: Any) -> Any:
     """As plain containers, resolved; what holds nothing to resolve takes half the time if it is not asked to be."""
     container = OmegaConf.to_container(node)
-    return OmegaConf.to_container(node, resolve=True) if "${" in str(container) else container
+    return _as_typed(container, OmegaConf.to_container(node, resolve=True)) if "${" in str(container) else container
+
+
+def _as_typed(raw: Any, value: Any) -> Any:
+    """A resolved value. What comes from an environment variable (`${oc.env:N}`) means what it would mean typed."""
+    if isinstance(raw, dict) and isinstance(value, dict):
+        return {key: _as_typed(raw.get(key), inner) for key, inner in value.items()}
+    if isinstance(raw, list) and isinstance(value, list):
+        return [_as_typed(*pair) for pair in zip(raw, value, strict=True)]
+    if isinstance(raw, str) and isinstance(value, str) and raw.startswith("${oc.env:"):
+        for kind in (int, float):
+            with contextlib.suppress(ValueError):
+                return kind(value)
+        return {"true": True, "false": False, "null": None}.get(value.lower(), value)
+    return value
 
 
 def understood(given: Any, made: Any) -> Any:

@@ -94,12 +94,17 @@ def write_yaml(path: Path, content: dict) -> None:
 def read_yaml(path: Path) -> dict:
     """Raises InputError if there is no such file, or it is no YAML mapping."""
     try:
-        content = yaml.load(path.read_text(), SAFE_LOADER)
+        text = path.read_text()
+        if "*" in text and any(isinstance(event, yaml.AliasEvent) for event in yaml.parse(text, SAFE_LOADER)):
+            raise InputError(
+                f"{path}: an alias (*): by aliases a small file can fill the memory; write the value itself"
+            )
+        content = yaml.load(text, SAFE_LOADER)
     except FileNotFoundError:
         raise InputError(f"{path}: no such file") from None
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
-    except (yaml.YAMLError, ValueError, RecursionError) as error:  # ValueError: the 45th of a month
+    except (yaml.YAMLError, ValueError, RecursionError) as error:  # ValueError: no text, or a date that there is not
         raise InputError(f"{path}: not a YAML file: {str(error).splitlines()[0]}") from None
     if not isinstance(content, dict):
         raise InputError(f"{path}: not a YAML mapping")

@@ -22,6 +22,8 @@ KEPT_RUN = "kept_run"
 """Name of the part of it that the run directory fills."""
 GROUP = re.compile(r"(?P<group>(?!hydra\b)[\w-]+(?:/[\w-]+)*)(?:@(?P<package>[\w-]+(?:\.[\w-]+)*))?")
 """A config group, and which key it fills if that is not its own name, as `run.yaml` has them."""
+DEEPEST = 30
+"""So deep may the values of a config be nested."""
 NOT_WITH_RESUME = ("-m", "--multirun", "hydra.mode=")
 ITS_OWN = ("hydra.run.dir=", "--config-name", "-cn")
 
@@ -81,6 +83,16 @@ def kept_config(directory: Path) -> dict[str, Any]:
     for key in known:
         if key not in config:
             raise InputError(f"{path}: {key} is missing")
+    level: list[Any] = [config]
+    for _ in range(DEEPEST):
+        level = [
+            inner
+            for node in level
+            for inner in (node.values() if isinstance(node, dict) else node)
+            if isinstance(inner, dict | list)
+        ]
+    if level:
+        raise InputError(f"{path}: nested more than {DEEPEST} deep")
     return config
 
 
