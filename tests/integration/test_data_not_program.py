@@ -279,6 +279,15 @@ def test_yaml_that_is_more_than_values(foreign: Path, calls: list[str], name: st
     assert calls == []
 
 
+def test_a_file_that_would_grow(foreign: Path) -> None:
+    """By aliases, or by nesting."""
+    edit(foreign, "config.yaml", "sweep", "ALIAS")
+    text = (foreign / "config.yaml").read_text()
+    for value, words in (("&a [x]\nthreads: *a", ("config.yaml", "alias")), ("{a: " * 400 + "}" * 400, ("nested",))):
+        (foreign / "config.yaml").write_text(text.replace("sweep: ALIAS", f"sweep: {value}"))
+        must_be_refused(foreign, *words)
+
+
 @pytest.mark.parametrize("target", ["trap.World", "trap.Domain", "trap.make", "trap"])
 def test_a_module_in_the_directory_is_not_imported(foreign: Path, monkeypatch: pytest.MonkeyPatch, target: str) -> None:
     """Not even where it is the current folder, which Python looks in first."""

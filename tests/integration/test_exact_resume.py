@@ -2,8 +2,10 @@
 
 import os
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
 import yaml
@@ -11,8 +13,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from omegaconf import OmegaConf
 
+from apf.files import write_yaml
 from apf.resume import as_literal, quoted
-from apf.towers import BlockSource, write_blocks
+from apf.towers import BlockSet, BlockSource, write_blocks
 from integration.command_line import REPOSITORY, TINY, Result, call, spawn
 from integration.test_resume import stop_after
 
@@ -189,7 +192,9 @@ def test_groups_of_a_folder_of_ones_own(here: Path, monkeypatch: pytest.MonkeyPa
 NOT_NUMBERS = ["towers='12'", "initial.train='4'", "seed=true", "world.noise='0.003'", "evaluation.lengths=['2']"]
 
 
-@pytest.mark.parametrize("given", [*NOT_NUMBERS, "model.network.hidden='8'", "seed=1.0", "domain.mirror='yes'"])
+@pytest.mark.parametrize(
+    "given", [*NOT_NUMBERS, "model.network.hidden='8'", "seed=1.0", "model.network.hidden=8.0", "domain.mirror='yes'"]
+)
 def test_values_of_another_type_are_refused_or_kept_as_numbers(
     here: Path, monkeypatch: pytest.MonkeyPatch, given: str
 ) -> None:
@@ -203,7 +208,7 @@ def test_values_of_another_type_are_refused_or_kept_as_numbers(
     key, _, value = given.partition("=")
     kept = OmegaConf.select(OmegaConf.load(here / "run" / "config.yaml"), key)
     assert kept == {"true": 1, "'yes'": True, "['2']": [2]}.get(value) or kept == float(value.strip("'"))
-    assert not isinstance(kept, str)
+    assert type(kept) is (bool if key == "domain.mirror" else list if "[" in value else int)
     call("resume=run").must_work()
     call(*TINY, given, "hydra.run.dir=run").must_work()
 
@@ -258,6 +263,25 @@ def test_odd_prefixes(here: Path, monkeypatch: pytest.MonkeyPatch, prefix: str) 
         call("resume=run").must_work()
     else:
         assert any(word in result.must_refuse() for word in ("block", "domain.training.prefix"))
+        assert list(here.iterdir()) == []
+
+
+def test_what_is_written_is_read_back(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A disk, a file system or a library that changes something is noticed before the run begins."""
+
+    def altered_blocks(blocks: BlockSet, path: Path, **options: bool) -> None:
+        write_blocks(replace(blocks, mass=np.nextafter(blocks.mass, 0)), path, **options)
+
+    def altered_values(path: Path, content: dict) -> None:
+        write_yaml(path, content | {"seed": 1} if "seed" in content else content)
+
+    for name, function, words in (
+        ("apf.towers.domain.write_blocks", altered_blocks, ("blocks", "training_blocks.csv")),
+        ("apf.rundir.write_yaml", altered_values, ("seed", "config.yaml")),
+    ):
+        with monkeypatch.context() as patch:
+            patch.setattr(name, function)
+            call(*TINY, "hydra.run.dir=run").must_refuse(*words)
         assert list(here.iterdir()) == []
 
 
