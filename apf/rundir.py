@@ -38,8 +38,6 @@ def check(directory: Path, config: dict[str, Any], domain: TowerDomain) -> bool:
     differing = [key for key in sorted(mine.keys() | theirs.keys()) if mine.get(key) != theirs.get(key)]
     if differing:
         raise InputError(f"{directory} holds a run of another config; these keys differ: {', '.join(differing)}")
-    if type(kept.get(LENGTH)) is not int:
-        raise InputError(f"{directory / CONFIG}: {LENGTH} is {shown(kept.get(LENGTH))}; it must be a number of towers")
     check_blocks(directory, domain)
     if not (directory / JOURNAL).exists():
         raise InputError(

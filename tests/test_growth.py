@@ -224,6 +224,7 @@ def test_time_grows_no_faster_than_the_run(tmp_path: Path, domain: TowerDomain) 
 
 def times(directory: Path, domain: TowerDomain, towers: int) -> tuple[float, float]:
     """Seconds for all that the loop asks of the last step, and to open, tell and export everything."""
+    directory.mkdir()
     store = Store(directory, domain)
     grow(store, domain, towers, every=100)
     whole = experiment(store, towers)

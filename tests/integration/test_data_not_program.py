@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 import yaml
+from hydra.core.plugins import Plugins
 
 from integration.command_line import TINY, call, spawn
 from integration.test_plugin import CODE
@@ -79,6 +80,7 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """Notes what these tests' configs would have called, had it been called."""
     with contextlib.suppress(ImportError):
         import_module("apf.worlds.panda.show")  # later, without exec, nothing could be imported
+    Plugins.instance()  # Hydra imports these when it is first used
     called: list[str] = []
 
     def noting(name: str) -> Callable[..., None]:
@@ -207,10 +209,17 @@ def test_texts_refer_to_nothing(foreign: Path, monkeypatch: pytest.MonkeyPatch) 
     ],
 )
 def test_run_yaml_decides_nothing(foreign: Path, calls: list[str], key: str, value: Any) -> None:
+    """What is of the wrong form is refused; what else stands there changes nothing."""
     edit(foreign, "run.yaml", "finished", False)
     edit(foreign, "run.yaml", key, value)
-    call("resume=run").must_work()
+    forms = {"overrides": list, "choices": dict, "cwd": str}
+    nested = isinstance(value, dict) and any(isinstance(choice, dict) for choice in value.values())
+    result = call("resume=run")
     assert calls == []
+    if not isinstance(value, forms.get(key, object)) or nested:
+        result.must_refuse("run.yaml", key)
+        return
+    result.must_work()
     assert yaml.safe_load((foreign / "run.yaml").read_text())["finished"] is True
 
 
