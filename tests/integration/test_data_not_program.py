@@ -290,10 +290,9 @@ def test_yaml_that_is_more_than_values(foreign: Path, calls: list[str], name: st
 
 def test_a_file_that_would_grow(foreign: Path) -> None:
     """By aliases, or by nesting."""
-    edit(foreign, "config.yaml", "sweep", "ALIAS")
     text = (foreign / "config.yaml").read_text()
-    for value, words in (("&a [x]\nthreads: *a", ("config.yaml", "alias")), ("{a: " * 400 + "}" * 400, ("nested",))):
-        (foreign / "config.yaml").write_text(text.replace("sweep: ALIAS", f"sweep: {value}"))
+    for more, words in (("&a [x]\n  again: *a", ("config.yaml", "alias")), ("{a: " * 400 + "}" * 400, ("nested",))):
+        (foreign / "config.yaml").write_text(text.replace("\ntracker:\n", f"\ntracker:\n  more: {more}\n"))
         must_be_refused(foreign, *words)
 
 
