@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import sys
 from pathlib import Path
 
 import torch
@@ -31,6 +32,8 @@ def memory(device: torch.device | None = None) -> int:
     """Bytes of memory of this machine, or of a GPU; of a container, what it may take."""
     if device is not None and device.type == "cuda":
         return int(torch.cuda.get_device_properties(device).total_memory)
+    if not hasattr(os, "sysconf"):  # Windows does not tell: nothing is refused there
+        return sys.maxsize
     total = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     with contextlib.suppress(OSError, ValueError):  # no such limit, or `max`
         total = min(total, int(LIMIT.read_text()))

@@ -3,9 +3,11 @@ import warnings
 
 import numpy as np
 import pytest
+import torch
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
+from pretend_gpu import pretend_gpu
 
 from apf.acquisition import bald, entropy, expected_bald
 
@@ -155,3 +157,12 @@ def test_expected_bald_is_the_weighted_sum_over_prefixes(p):
 def test_any_layout_of_memory_will_do() -> None:
     p = np.array([[0.1, 0.5], [0.9, 0.5]])
     np.testing.assert_allclose(bald(p[:, ::-1]), bald(p)[::-1])
+
+
+@pytest.mark.parametrize("score", [entropy, bald, expected_bald])
+def test_tensors_are_scored_where_they_lie(score):
+    p = np.random.default_rng(0).random((3, 4, 2))
+    with pretend_gpu():
+        there = score(torch.tensor(p, device="cuda"))
+    assert isinstance(there, np.ndarray)
+    np.testing.assert_array_equal(there, score(p))

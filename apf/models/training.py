@@ -109,7 +109,7 @@ def fit(
     rates: Sequence[Rates] | Tensor = training.rates()
     if device.type == "cuda" and network.replayable:
         step, rates = Replayed(step), torch.tensor(rates, device=device)
-    kept = Kept(updates.mean, len(generators))
+    kept = KeptWeights(updates.mean, len(generators))
     losses: list[np.ndarray] = []
     answers: list[tuple[Tensor, ...]] = []  # logits and labels [E, B, P] since the last check
     sizes = [(len(y), y.shape[1]) for _, y in train_groups]
@@ -170,7 +170,7 @@ class Updates:
         self.weights.copy_(own)
 
 
-class Kept:
+class KeptWeights:
     """The weights that each member ends with: the last ones, or those of its lowest validation loss."""
 
     def __init__(self, weights: Tensor, members: int) -> None:
