@@ -20,7 +20,7 @@ class Predictor(ABC):
     them were asked, by `last_feasibility`."""
 
     together: bool = False
-    """Do all members answer in the time of one? Then a planner asks them all at once."""
+    """Does it answer about many plans in about the time of a few? Then a planner asks about all of them at once."""
 
     @abstractmethod
     def feasibility(self, plans: Any, rng: np.random.Generator) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 import math
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -122,16 +122,15 @@ class Ensemble(Predictor):
 
     def _predict(self, plans: Any, whole: bool, members: slice = slice(None), odds: float = 1.0) -> Tensor:
         """[members, N, K - 1], or [members, N, 1] if `whole`; each probability with its odds multiplied."""
-        x = torch.from_numpy(self.domain.features(plans)).to(self.device)
         asked = range(self.members)[members]
-        logits = x.new_empty(len(asked), len(plans), 1 if whole else plans.length - 1)
+        logits = torch.empty(len(asked), len(plans), 1 if whole else plans.length - 1, device=self.device)
         if not len(plans):
             return _doubles(logits)
         size, grain, at_once = self._portions(len(plans), math.comb(plans.length, 2), len(asked))
         groups = [asked[i : i + at_once] for i in range(0, len(asked), at_once)]
         weights, stacks = list(self._some.parameters()), [stack.data for stack in self.network.parameters()]
         with torch.inference_mode():
-            for part, of_part in zip(x.split(size), logits.split(size, 1), strict=True):
+            for part, of_part in zip(self._features(plans, size), logits.split(size, 1), strict=True):
                 filled = pad(part, (0, 0, 0, 0, 0, -len(part) % grain))
                 prepared = self.network.prepare(filled[None], whole)
                 for group, of_group in zip(groups, of_part.split(at_once), strict=True):
@@ -139,6 +138,16 @@ class Ensemble(Predictor):
                         weight.data = stack[group.start : group.stop]
                     of_group.copy_(self._some.logits_of(prepared)[:, : len(part)])
         return _doubles(logits).add_(math.log(odds)).sigmoid_()
+
+    def _features(self, plans: Any, size: int) -> Iterable[Tensor]:
+        """Features [size or fewer, K, F] of some plans after others, on the device.
+
+        While a GPU judges some, the CPU computes those of the next.
+        """
+        if self.device.type == "cpu":
+            return torch.from_numpy(self.domain.features(plans)).split(size)
+        parts = (plans[start : start + size] for start in range(0, len(plans), size))
+        return (torch.from_numpy(self.domain.features(part)).to(self.device) for part in parts)
 
     def _portions(self, plans: int, pairs: int, members: int) -> tuple[int, int, int]:
         """How many plans are asked about at once, of what their number is to be a multiple, and how many members.

@@ -13,8 +13,7 @@ from apf.tasks import Task
 
 ROUNDS = ((0.2, 0.5), (1.0,))
 """How far through the members the looks at each prefix are, round by round. Most candidates are hopeless, and a few
-members can tell; so half of them are asked about all prefixes before the others are. Members that answer together are
-all asked at once."""
+members can tell; so half of them are asked about all prefixes before the others are."""
 
 NARROWING = 0.5
 """Share of a wave that is followed from one look to the next."""
@@ -77,8 +76,11 @@ class Pool:
         self.candidates = candidates
         self.predictor = predictor
         self.rng = rng
-        lengths = range(2 if predictor.by_prefix else candidates.length, candidates.length + 1)
-        self.looks = _looks(lengths, predictor.members, ((1.0,),) if predictor.together else ROUNDS)
+        self.at_once = predictor.random or predictor.together
+        self.members = 1 if self.at_once else predictor.members
+        by_prefix = predictor.by_prefix and not self.at_once
+        lengths = range(2 if by_prefix else candidates.length, candidates.length + 1)
+        self.looks = _looks(lengths, self.members, ROUNDS)
         self.bound = np.ones(len(candidates))
         self.n_looks = np.zeros(len(candidates), np.int16)
         self._sums = np.zeros((len(candidates), len(lengths)))  # of what members say of each prefix
@@ -92,7 +94,7 @@ class Pool:
         """Have look `number` at candidates [M] that had all looks before it."""
         look = self.looks[number]
         self._sums[rows, look.length - self.candidates.length - 1] += self._chance(rows, look) * look.n_members
-        self.bound[rows] = ((self._sums[rows] + look.silent) / self.predictor.members).prod(1)
+        self.bound[rows] = ((self._sums[rows] + look.silent) / self.members).prod(1)
         self.n_looks[rows] += 1
 
     def promising(self, values: np.ndarray, rows: np.ndarray | slice = slice(None)) -> np.ndarray:
@@ -108,7 +110,9 @@ class Pool:
 
     def _chance(self, rows: np.ndarray, look: Look) -> np.ndarray:
         plans = self.candidates.prefix(look.length)[rows]
-        if self.predictor.members > 1:
+        if self.at_once:
+            return self.predictor.feasibility(plans, self.rng)
+        if self.members > 1:
             return self.predictor.last_feasibility(plans, look.members)
         if self.predictor.by_prefix:
             return self.predictor.last_feasibility(plans)
@@ -127,9 +131,12 @@ class MonteCarloPlanner:
     """Plans of the largest wave: bounds memory."""
 
     def pool(self, candidates: Any, predictor: Predictor, rng: np.random.Generator) -> Pool:
-        """The candidates of a problem, for `plan`. A predictor that draws is asked once, for all of them."""
+        """The candidates of a problem, for `plan`.
+
+        A predictor that draws, or that answers about many in the time of a few, is asked once, about all of them.
+        """
         pool = Pool(candidates, predictor, rng)
-        if predictor.random:
+        if pool.at_once:
             pool.look(0, np.arange(len(candidates)))
         return pool
 
