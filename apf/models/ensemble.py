@@ -100,14 +100,14 @@ class Ensemble(Predictor):
         Under Theta_ss that is eq. (theta-ss); the first placement is feasible by assumption. Draws nothing.
         """
         p = self._predict(plans, whole=self.kind is Kind.COMPLETE, odds=self.odds)
-        return p.numpy(force=True).mean(0).prod(1)
+        return _mean(p).prod(1)
 
     def last_feasibility(self, plans: Any, members: slice = slice(None)) -> np.ndarray:
         """[N] mean over these members: probability that the last placement succeeds, given that those before it did
         (Theta_ss), or that the whole plan does (Theta_comp).
         """
         p = self._predict(plans, whole=True, members=members, odds=self.odds)
-        return p.numpy(force=True).mean(0)[:, 0]
+        return _mean(p)[:, 0]
 
     def save(self, path: Path) -> None:
         """Write the weights as safetensors. Raises OSError if that cannot be done."""
@@ -161,6 +161,11 @@ class Ensemble(Predictor):
             return plans, 1, members
         size = max(CHUNK // pairs, 256)
         return size, size // SIZES, 1
+
+
+def _mean(p: Tensor) -> np.ndarray:
+    """[E, N, P] -> [N, P] mean over members. NumPy's does not depend on N; a GPU's spares moving all of p."""
+    return p.numpy().mean(0) if p.device.type == "cpu" else p.mean(0).numpy(force=True)
 
 
 def _doubles(x: Tensor) -> Tensor:
