@@ -18,7 +18,7 @@ from commands import finished_runs, one_line_errors, parser_of
 from evidence import Evidence, MissingError
 
 from apf.errors import InputError
-from apf.files import read_yaml
+from apf.rundir.files import read_yaml
 
 COLUMNS = ["claim", "paper", "statistic", "value", "low", "high", "runs", "verdict", "note"]
 ANALYTIC, SIMULATION = "predictor analytic", "predictor simulation"

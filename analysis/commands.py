@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from apf.errors import InputError
-from apf.runs import Run, find_runs
+from apf.report.runs import Run, find_runs
 
 
 def parser_of(doc: str | None) -> argparse.ArgumentParser:

@@ -8,8 +8,8 @@ import pandas as pd
 from commands import finished_runs, one_line_errors, parser_of
 
 from apf.errors import InputError
-from apf.figures import save
-from apf.runs import gather
+from apf.report.figures import save
+from apf.report.runs import gather
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

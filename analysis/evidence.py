@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from apf.runs import Run
+from apf.report.runs import Run
 
 Regrets = dict[tuple[str, str, str, int], tuple[np.ndarray, np.ndarray]]
 Accuracies = dict[tuple[str, int, int], np.ndarray]

@@ -10,9 +10,9 @@ from pathlib import Path
 
 from commands import finished_runs, one_line_errors, parser_of
 
-from apf.files import write_yaml
-from apf.kept import Summary, read_state
-from apf.runs import Run
+from apf.report.runs import Run
+from apf.rundir.files import write_yaml
+from apf.rundir.kept import Summary, read_state
 
 TABLES = ("regret.parquet", "accuracy.parquet")
 OF_A_WORLD = "world.parquet"

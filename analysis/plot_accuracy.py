@@ -2,7 +2,7 @@
 
 from curves import draw
 
-from apf.figures import accuracy_curves, plot_accuracy
+from apf.report.figures import accuracy_curves, plot_accuracy
 
 if __name__ == "__main__":
     draw("accuracy", __doc__, accuracy_curves, plot_accuracy)

@@ -2,7 +2,7 @@
 
 from curves import draw
 
-from apf.figures import plot_regret, regret_curves
+from apf.report.figures import plot_regret, regret_curves
 
 if __name__ == "__main__":
     draw("regret", __doc__, regret_curves, plot_regret)

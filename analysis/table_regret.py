@@ -11,8 +11,8 @@ from commands import finished_runs, one_line_errors, parser_of
 from rich.table import Table
 
 from apf.errors import InputError
-from apf.runs import gather
-from apf.terminal import console
+from apf.report.runs import gather
+from apf.report.terminal import console
 
 WIDTH = 140
 

@@ -10,8 +10,8 @@ from commands import finished_runs, one_line_errors, parser_of
 from rich.table import Table
 
 from apf.errors import InputError
-from apf.runs import Run
-from apf.terminal import console
+from apf.report.runs import Run
+from apf.report.terminal import console
 
 HELP = "intervention"
 """The purpose of a row that is no pick-and-place."""

@@ -7,16 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from apf.acquisition import Sampler
+from apf.domain import Predictor, World, carry_out
 from apf.errors import Stopped
 from apf.models import Ensemble
-from apf.objective import figures
 from apf.planning import Evaluator
-from apf.predictor import Predictor
+from apf.planning.objective import figures
 from apf.rng import stream
+from apf.rundir.store import Store
 from apf.settings import Count, CountOrNone, Seconds, settings
-from apf.store import Store
 from apf.tracking import Figures, Phase, Tracker
-from apf.worlds import World, carry_out
 
 TRAIN, VALIDATION = "train", "validation"
 CHOOSING, FIRST, BUILDING, TRAINING = "choosing plans", "first towers", "building", "training"

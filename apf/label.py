@@ -8,14 +8,14 @@ import numpy as np
 import pandas as pd
 from omegaconf import DictConfig
 
-from apf.cli import one_line_errors, run_command
-from apf.config import build, config_dir
-from apf.data import UNOBSERVED
+from apf.config.build import build
+from apf.config.values import config_dir
+from apf.domain import UNOBSERVED, World
+from apf.launch.cli import one_line_errors, run_command
 from apf.rng import stream
+from apf.rundir.tables import check_ending, write_table
 from apf.settings import Seed, settings
-from apf.tables import check_ending, write_table
 from apf.towers.files import NamedTowers, read_towers
-from apf.worlds import World
 
 
 @settings

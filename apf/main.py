@@ -10,24 +10,26 @@ from hydra.core.hydra_config import HydraConfig
 from hydra.types import RunMode
 from omegaconf import DictConfig
 
-from apf.claim import CONFIG, WORLD_TABLE, locked
-from apf.cli import one_line_errors, run_command
-from apf.config import Config, Learned, check_hydra, config_dir, describe, settle
-from apf.cpu import set_up_cpu
+from apf.config.messages import check_hydra, describe
+from apf.config.schema import Config, Learned, settle
+from apf.config.values import config_dir
 from apf.errors import InputError
 from apf.experiment import Experiment
-from apf.kept import read_state
-from apf.machine import check_machine, check_weights
+from apf.launch.cli import one_line_errors, run_command
+from apf.launch.cpu import set_up_cpu
+from apf.launch.machine import check_machine, check_weights
 from apf.models import Ensemble, pick_device
-from apf.objective import must_be_number, optimises, returned
 from apf.planning import Evaluator
-from apf.report import print_summary, save_figures
-from apf.resume import RESUME, go_where_it_began, resumed
-from apf.rundir import begin, check, finish, output_directory, resumable
-from apf.store import Store
-from apf.tables import write_table
+from apf.planning.objective import must_be_number, optimises, returned
+from apf.report.summary import print_summary, save_figures
+from apf.rundir.claim import CONFIG, WORLD_TABLE, locked
+from apf.rundir.directory import begin, check, finish, output_directory, resumable
+from apf.rundir.kept import read_state
+from apf.rundir.resume import RESUME, go_where_it_began, resumed
+from apf.rundir.store import Store
+from apf.rundir.tables import write_table
+from apf.rundir.versions import changed
 from apf.tracking import ConsoleTracker, RunInfo, Tracker, Trackers, log_end
-from apf.versions import changed
 
 
 @hydra.main(version_base="1.3", config_path=config_dir(), config_name="config")

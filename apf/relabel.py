@@ -8,16 +8,17 @@ import hydra
 import numpy as np
 from omegaconf import DictConfig, OmegaConf
 
-from apf.claim import CONFIG, JOURNAL, STATE, locked
-from apf.cli import one_line_errors, run_command
-from apf.config import build, config_dir
+from apf.config.build import build
+from apf.config.values import config_dir
+from apf.domain import are_labels
 from apf.errors import InputError
-from apf.resume import as_literal, kept_config, shut_off
-from apf.rundir import check_blocks, reopen
+from apf.launch.cli import one_line_errors, run_command
+from apf.rundir.claim import CONFIG, JOURNAL, STATE, locked
+from apf.rundir.directory import check_blocks, reopen
+from apf.rundir.resume import as_literal, kept_config, shut_off
+from apf.rundir.store import VALUE, Store
 from apf.settings import CountOrNone, settings
-from apf.store import VALUE, Store
 from apf.towers import TowerDomain
-from apf.worlds import are_labels
 
 
 @settings

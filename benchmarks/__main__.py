@@ -15,7 +15,7 @@ import torch
 from rich.console import Console
 from rich.table import Table
 
-from apf.cpu import set_up_cpu
+from apf.launch.cpu import set_up_cpu
 from benchmarks import gpu
 from benchmarks.operations import ONLY_FULL, OPERATIONS
 from benchmarks.setting import FULL, QUICK, Setting

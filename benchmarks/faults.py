@@ -16,7 +16,7 @@ from rich.console import Console
 from rich.table import Table
 
 from apf.acquisition import Scored
-from apf.store import Store
+from apf.rundir.store import Store
 from apf.towers import BlockSource, TowerDomain
 from benchmarks.forks import Run
 from benchmarks.injections import RESUME, TINY, Suite

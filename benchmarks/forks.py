@@ -17,7 +17,7 @@ import seaborn  # noqa: F401
 
 import apf.main
 from apf.experiment import Experiment
-from apf.store import Store
+from apf.rundir.store import Store
 
 PHASES = ("starting", "choosing", "building", "training", "evaluating", "writing tables", "drawing, finishing")
 LABEL = "label"

@@ -118,7 +118,7 @@ def in_process(operation: str, size: dict[str, int], weights: str) -> dict[str, 
 
 def measure(operation: str, size: dict[str, int], weights: str) -> dict[str, float]:
     """Seconds (median) of an operation, and the peak of this process's memory [MiB] before and after."""
-    from apf.cpu import set_up_cpu
+    from apf.launch.cpu import set_up_cpu
 
     set_up_cpu(1)
     work = {"train": prepare_training, "epoch": prepare_epoch, "bald": prepare_bald, "plan": prepare_plan}[operation]
@@ -161,7 +161,8 @@ def prepare_epoch(size: dict[str, int], weights: str) -> Callable[[], object]:
     """One epoch on towers of one length that were labelled at every prefix, each seen from four sides."""
     import numpy as np
 
-    from apf.data import Labelled, examples
+    from apf.domain import Labelled
+    from apf.models.examples import examples
     from apf.models.training import fit
     from benchmarks.learning import epoch_of, new_generators
 
@@ -211,7 +212,7 @@ def draw(rows: list[dict], stem: Path) -> None:
     import pandas as pd
     import seaborn as sns
 
-    from apf.figures import PANEL, save
+    from apf.report.figures import PANEL, save
 
     table = pd.DataFrame(rows, columns=COLUMNS)
     colours = dict(zip(LABELS, sns.color_palette("colorblind", len(LABELS))))

@@ -22,10 +22,9 @@ import yaml
 
 import apf.main
 from apf.errors import InputError
-from apf.journal import parse
-from apf.store import Store
-from apf.towers import TowerDomain
-from apf.worlds import NoisyWorld
+from apf.rundir.journal import parse
+from apf.rundir.store import Store
+from apf.towers import NoisyWorld, TowerDomain
 from benchmarks.forks import PHASES, Run
 
 TINY = (

@@ -14,13 +14,14 @@ from torch import Tensor, nn
 from torch.nn.functional import binary_cross_entropy_with_logits
 
 from apf.acquisition import Scored
-from apf.data import Examples, Labelled
+from apf.domain import Labelled
 from apf.experiment import TRAIN, VALIDATION, Experiment
 from apf.main import make_experiment, make_model
 from apf.models import Ensemble, Training
+from apf.models.examples import Examples
 from apf.models.training import batches_of, fit
 from apf.rng import stream
-from apf.store import Store
+from apf.rundir.store import Store
 from apf.tracking import NoTracker
 from benchmarks import reference as plain
 from benchmarks import reference_learning as plain_learning

@@ -48,12 +48,12 @@ TESTS = {
     "apf/acquisition/scores.py": ("test_scores", "test_samplers"),
     "apf/planning/evaluation.py": ("test_evaluation",),
     "apf/planning/planner.py": ("test_planner", "test_evaluation"),
-    "apf/planning/predictors.py": ("test_predictors",),
+    "apf/towers/predictors.py": ("test_predictors",),
     "apf/towers/stability.py": ("test_stability",),
     "apf/models/training.py": ("test_training",),
-    "apf/store.py": ("test_store",),
-    "apf/journal.py": ("test_journal", "test_records", "test_durability", "test_store"),
-    "apf/files.py": ("test_durability", "test_records", "test_tower_files", "test_store"),
+    "apf/rundir/store.py": ("test_store",),
+    "apf/rundir/journal.py": ("test_journal", "test_records", "test_durability", "test_store"),
+    "apf/rundir/files.py": ("test_durability", "test_records", "test_tower_files", "test_store"),
 }
 """The quick tests that concern each source file, those that most likely notice first."""
 

@@ -15,8 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from apf.rng import stream
-from apf.towers import Towers
-from apf.worlds import AnalyticWorld
+from apf.towers import AnalyticWorld, Towers
 from benchmarks import reference as plain
 from benchmarks import reference_learning as plain_learning
 from benchmarks.learning import acquisition, epoch, plain_members

@@ -21,11 +21,11 @@ import numpy as np
 import pandas as pd
 from hydra import compose, initialize_config_dir
 
-from apf.config import config_dir, validate
-from apf.files import read_yaml
+from apf.config.schema import validate
+from apf.config.values import config_dir
 from apf.rng import stream
-from apf.towers import BlockSet, Offset, Towers, random_extensions, random_towers, standing_prefixes
-from apf.worlds import AnalyticWorld
+from apf.rundir.files import read_yaml
+from apf.towers import AnalyticWorld, BlockSet, Offset, Towers, random_extensions, random_towers, standing_prefixes
 
 COLUMNS = ["target", "bound", "value", "holds", "command"]
 SEED = 0

@@ -8,13 +8,14 @@ import torch
 from hydra import compose, initialize_config_dir
 from omegaconf import DictConfig
 
-from apf.config import Config, config_dir, validate
-from apf.data import Examples, Labelled, examples
+from apf.config.schema import Config, validate
+from apf.config.values import config_dir
+from apf.domain import Labelled, World
 from apf.main import make_model
 from apf.models import Ensemble
+from apf.models.examples import Examples, examples
 from apf.rng import stream
 from apf.towers import TowerDomain, Towers
-from apf.worlds import World
 
 SEED = 0
 

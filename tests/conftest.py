@@ -7,7 +7,7 @@ import hypothesis
 import numpy as np
 import pytest
 
-from apf.data import Kind
+from apf.domain import Kind
 from apf.towers import BlockSet, BlockSource, TowerDomain, Towers
 
 hypothesis.settings.register_profile("apf", deadline=None, derandomize=True, max_examples=50)

@@ -15,8 +15,7 @@ from apf.acquisition import ExpectedBald
 from apf.models import EnsembleNetwork
 from apf.models.layers import EnsembleLinear
 from apf.rng import stream
-from apf.towers import Towers, balanced_towers, features
-from apf.worlds import AnalyticWorld
+from apf.towers import AnalyticWorld, Towers, balanced_towers, features
 from benchmarks import reference as plain
 from benchmarks import reference_learning as plain_learning
 from benchmarks.__main__ import COLUMNS, main

@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from omegaconf import DictConfig, OmegaConf
 
-from apf.composing import Composer
-from apf.config import config_dir
+from apf.config.values import config_dir
+from apf.launch.composing import Composer
 
 FIXED = ["tracker=none", "hydra.sweep.dir=runs/x"]
 VALUES = {

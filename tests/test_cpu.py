@@ -8,7 +8,7 @@ import pytest
 
 KEPT = """
 import ctypes, torch
-from apf.cpu import set_up_cpu
+from apf.launch.cpu import set_up_cpu
 
 class Info(ctypes.Structure):
     names = "arena ordblks smblks hblks hblkhd usmblks fsmblks uordblks fordblks keepcost"

@@ -10,7 +10,7 @@ import pytest
 import torch
 from pretend_gpu import CPU, CUDA, PretendGraph, on_gpu, pretend_gpu
 
-from apf.data import Kind
+from apf.domain import Kind
 from apf.models import (
     Ensemble,
     EnsembleLinear,

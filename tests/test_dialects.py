@@ -367,7 +367,7 @@ def test_what_a_library_says_of_bytes_is_told_in_one_line(tmp_path, monkeypatch)
     def broken(path):
         raise OSError("Couldn't deserialize thrift: don't know what type: \x0e\nmore")
 
-    monkeypatch.setattr("apf.tables.ParquetFile", broken)
+    monkeypatch.setattr("apf.rundir.tables.ParquetFile", broken)
     refused(read_towers, tmp_path / "t.parquet", "cannot be read as a table: ", "what type: \\x0e")
 
 

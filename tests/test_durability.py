@@ -14,12 +14,12 @@ import pytest
 from disk import Disk
 
 from apf.acquisition import Scored
-from apf.claim import locked
 from apf.errors import InputError
-from apf.files import make_folder, remove_unfinished, replacing, write_yaml
-from apf.journal import Journal
-from apf.store import Store
-from apf.tables import write_table
+from apf.rundir.claim import locked
+from apf.rundir.files import make_folder, remove_unfinished, replacing, write_yaml
+from apf.rundir.journal import Journal
+from apf.rundir.store import Store
+from apf.rundir.tables import write_table
 from apf.towers import TowerDomain
 
 

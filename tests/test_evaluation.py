@@ -8,13 +8,11 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
+from apf.domain import Predictor, Task, World
 from apf.errors import Stopped
 from apf.planning import ACCURACY_COLUMNS, REGRET_COLUMNS, EvaluationSettings, Evaluator, MonteCarloPlanner
-from apf.predictor import Predictor
 from apf.rng import stream
-from apf.tasks import Overhang, Tallest, Task
-from apf.towers import TowerDomain, Towers, stands
-from apf.worlds import AnalyticWorld, World
+from apf.towers import AnalyticWorld, Overhang, Tallest, TowerDomain, Towers, stands
 
 
 class Oracle(Predictor):

@@ -8,7 +8,7 @@ import pandas as pd
 from evidence import Evidence
 
 from apf.planning.evaluation import ACCURACY_COLUMNS, REGRET_COLUMNS
-from apf.runs import Run
+from apf.report.runs import Run
 
 
 @dataclass(frozen=True)

@@ -9,13 +9,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
-import apf.store
+import apf.rundir.store
 from apf.acquisition import Scored
 from apf.experiment import Acquisition, Execution, Experiment, Initial
 from apf.planning.evaluation import ACCURACY_COLUMNS, REGRET_COLUMNS
-from apf.store import Store
-from apf.towers import TowerDomain
-from apf.worlds import AnalyticWorld
+from apf.rundir.store import Store
+from apf.towers import AnalyticWorld, TowerDomain
 
 INITIAL, EACH = 20, 10
 
@@ -194,7 +193,7 @@ def test_what_is_written_stays_in_proportion_to_the_run(
     """All rows of all tables that the evaluations of a run write: a few times those of its last tables."""
     written: dict[str, list[int]] = {}
     monkeypatch.setattr(
-        apf.store, "write_table", lambda table, path: written.setdefault(path.stem, []).append(len(table))
+        apf.rundir.store, "write_table", lambda table, path: written.setdefault(path.stem, []).append(len(table))
     )
     store = Store(tmp_path, domain)
     grow(store, domain, 600, every=10)

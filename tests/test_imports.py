@@ -12,7 +12,7 @@ import sys, numpy as np
 import apf.main
 from functools import partial
 import torch
-from apf.data import Kind, Labelled
+from apf.domain import Kind, Labelled
 from apf.models import Ensemble, EnsembleSettings, TowersGraphNetwork, Training
 from apf.towers import TowerDomain, standing_prefixes
 domain = TowerDomain()

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from apf.errors import InputError, Stopped
-from apf.journal import End, Journal, create, encode
+from apf.rundir.journal import End, Journal, create, encode
 
 
 @pytest.fixture

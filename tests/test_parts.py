@@ -10,16 +10,16 @@ import pytest
 from omegaconf import OmegaConf
 from pydantic import Field
 
-from apf.config import build
+from apf.config.build import build
+from apf.config.parts import Part, find, make
+from apf.domain import Task, World
 from apf.errors import InputError
 from apf.models import EnsembleNetwork
-from apf.parts import Part, find, make
 from apf.settings import settings
-from apf.tasks import Tallest, Task
-from apf.worlds import AnalyticWorld, NoisyWorld, World
+from apf.towers import AnalyticWorld, NoisyWorld, Tallest
 
-ANALYTIC = {"_target_": "apf.worlds.AnalyticWorld"}
-TALLEST = {"_target_": "apf.tasks.Tallest"}
+ANALYTIC = {"_target_": "apf.towers.AnalyticWorld"}
+TALLEST = {"_target_": "apf.towers.Tallest"}
 TGN = {"_target_": "apf.models.TowersGraphNetwork", "_partial_": True, "hidden": 8}
 PICKLE = {"_target_": "pandas.read_pickle"}
 
@@ -48,7 +48,7 @@ def built(**given: Any) -> Any:
 
 def test_what_fits_is_made() -> None:
     made = built(
-        one={"_target_": "apf.worlds.NoisyWorld", "noise": 0.5},
+        one={"_target_": "apf.towers.NoisyWorld", "noise": 0.5},
         any_of=TALLEST,
         listed=[ANALYTIC, ANALYTIC],
         some=[TALLEST],
@@ -74,7 +74,7 @@ def test_what_fits_is_made() -> None:
     ("given", "key"),
     [
         ({"one": TALLEST}, "one._target_"),
-        ({"one": {"_target_": "apf.worlds.World.execute"}}, "one._target_"),
+        ({"one": {"_target_": "apf.domain.World.execute"}}, "one._target_"),
         ({"one": ANALYTIC | {"_partial_": True}}, "one._partial_"),
         ({"any_of": PICKLE}, "any_of._target_"),
         ({"listed": [ANALYTIC, TALLEST]}, "listed.1._target_"),
@@ -95,7 +95,7 @@ def test_what_fits_is_made() -> None:
         ({"one": ANALYTIC | {"_recursive_": False}}, "one._recursive_"),
         ({"one": ANALYTIC | {"_convert_": "all"}}, "one._convert_"),
         ({"one": {"_partial_": True}}, "one._partial_"),
-        ({"_target_": "apf.worlds.AnalyticWorld"}, "_target_"),
+        ({"_target_": "apf.towers.AnalyticWorld"}, "_target_"),
         ({"unknown": PICKLE}, "unknown._target_"),
     ],
 )

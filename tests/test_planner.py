@@ -8,12 +8,11 @@ from hypothesis import strategies as st
 from omegaconf import OmegaConf
 from pydantic import ValidationError
 
-from apf.config import config_dir
+from apf.config.values import config_dir
+from apf.domain import Predictor, Task
 from apf.interrupts import time_limit
-from apf.planning import AnalyticPredictor, MonteCarloPlanner
-from apf.predictor import Predictor
-from apf.tasks import Overhang, Tallest, Task, Unsupported
-from apf.towers import Offset, random_towers, stands
+from apf.planning import MonteCarloPlanner
+from apf.towers import AnalyticPredictor, Offset, Overhang, Tallest, Unsupported, random_towers, stands
 
 ENOUGH = 20.0
 """Seconds for a plan that takes milliseconds: a search that gets nowhere fails, and does not hang."""

@@ -2,9 +2,8 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from apf.planning import AnalyticPredictor, SimulationPredictor
-from apf.predictor import Predictor
-from apf.towers import Offset, random_towers, stands
+from apf.domain import Predictor
+from apf.towers import AnalyticPredictor, Offset, SimulationPredictor, random_towers, stands
 
 
 def rng_of(seed):

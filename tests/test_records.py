@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from apf.errors import Stopped
-from apf.journal import Journal
+from apf.rundir.journal import Journal
 
 
 @pytest.fixture

@@ -9,9 +9,9 @@ import pytest
 
 from apf.acquisition import Scored
 from apf.errors import InputError
-from apf.journal import Journal
 from apf.planning.evaluation import ACCURACY_COLUMNS, REGRET_COLUMNS
-from apf.store import Store
+from apf.rundir.journal import Journal
+from apf.rundir.store import Store
 from apf.towers import TowerDomain
 
 PLAN = {"block": [0, 1], "rotation": [0, 23], "xy": [[0.0, 0.0], [0.1, 0.0]]}

@@ -10,10 +10,9 @@ from omegaconf import OmegaConf
 from pydantic import ValidationError
 
 from apf.acquisition import Bald, ExpectedBald, Lengths, Random, RandomPlans, Sampler, top
-from apf.config import config_dir
-from apf.data import Kind, Labelled
+from apf.config.values import config_dir
+from apf.domain import Kind, Labelled, labels_from
 from apf.towers import standing_prefixes
-from apf.worlds import labels_from
 
 FILES = sorted((Path(config_dir()) / "sampler").glob("*.yaml"))
 NAMES = [path.stem for path in FILES]

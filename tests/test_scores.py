@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from apf.acquisition import Bald, ExpectedBald, Random, Score, bald, expected_bald, scores
-from apf.data import Kind
+from apf.domain import Kind
 from apf.towers import TowerDomain, Towers
 
 

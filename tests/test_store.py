@@ -13,7 +13,7 @@ import pytest
 from apf.acquisition import Scored
 from apf.errors import InputError, Stopped
 from apf.planning import ACCURACY_COLUMNS, REGRET_COLUMNS
-from apf.store import Store
+from apf.rundir.store import Store
 from apf.towers import TowerDomain
 
 NAN = float("nan")

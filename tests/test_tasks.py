@@ -3,8 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from apf.tasks import Overhang, Tallest, Unsupported
-from apf.towers import BlockSet, Towers, random_towers, rotation_index
+from apf.towers import BlockSet, Overhang, Tallest, Towers, Unsupported, random_towers, rotation_index
 
 HALF = np.sqrt(0.5)
 UPRIGHT = 0

@@ -5,15 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from apf.errors import InputError
-from apf.towers import (
-    BlockSet,
-    Towers,
-    random_towers,
-    read_blocks,
-    read_towers,
-    write_blocks,
-    write_towers,
-)
+from apf.towers import BlockSet, Towers, random_towers, read_blocks, read_towers, write_blocks, write_towers
 
 BLOCK_COLUMNS = ["block", "dim_x", "dim_y", "dim_z", "com_x", "com_y", "com_z", "mass"]
 TOWER_COLUMNS = ["tower", "position", *BLOCK_COLUMNS, "x", "y", "z", "qx", "qy", "qz", "qw"]

@@ -14,8 +14,8 @@ from omegaconf import OmegaConf
 from pydantic import ValidationError
 from torch import nn
 
-from apf.config import config_dir
-from apf.data import Kind, Labelled, examples
+from apf.config.values import config_dir
+from apf.domain import Kind, Labelled
 from apf.models import (
     Ensemble,
     EnsembleNetwork,
@@ -27,11 +27,11 @@ from apf.models import (
 )
 from apf.models import training as training_module
 from apf.models.ensemble import SIZES
+from apf.models.examples import examples
 from apf.models.optimiser import AdamW
 from apf.models.training import CHECK, History, Updates, _batches, batches_of, fit, validation_loss
-from apf.towers import TowerDomain, Towers, random_towers, standing_prefixes
+from apf.towers import AnalyticWorld, TowerDomain, Towers, random_towers, standing_prefixes
 from apf.towers.features import features, mirrored, weighed
-from apf.worlds import AnalyticWorld
 
 DOMAIN = TowerDomain(mass_scales=0)
 

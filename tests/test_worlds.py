@@ -4,8 +4,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from apf.towers import Offset, Towers, random_towers
-from apf.worlds import AnalyticWorld, NoisyWorld, labels_from
+from apf.domain import labels_from
+from apf.towers import AnalyticWorld, NoisyWorld, Offset, Towers, random_towers
 
 seeds = st.integers(0, 2**32 - 1)
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from pydantic import model_validator
 
-from apf.data import Domain, Labelled
+from apf.domain import Domain, Labelled
 from apf.settings import Length, Many, settings
 
 ScoreOf = Callable[[Any], np.ndarray]

@@ -8,7 +8,7 @@ from pydantic import model_validator
 
 from apf.acquisition.candidates import Candidates, Lengths, Scored
 from apf.acquisition.scores import ExpectedBald, Model, Score
-from apf.data import Domain, Kind, Labelled
+from apf.domain import Domain, Kind, Labelled
 from apf.settings import settings
 
 

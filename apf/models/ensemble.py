@@ -13,10 +13,10 @@ from safetensors.torch import load_file, save_file
 from torch import Tensor
 from torch.nn.functional import pad
 
-from apf.data import Domain, Kind, Labelled, examples
+from apf.domain import Domain, Kind, Labelled, Predictor
+from apf.models.examples import examples
 from apf.models.layers import EnsembleNetwork
 from apf.models.training import History, Training, fit
-from apf.predictor import Predictor
 from apf.rng import torch_generator
 from apf.settings import Few, settings
 

@@ -13,7 +13,7 @@ from torch import Tensor
 from torch.nn.functional import binary_cross_entropy_with_logits
 from torch.nn.utils import parameters_to_vector
 
-from apf.data import Examples
+from apf.models.examples import Examples
 from apf.models.layers import EnsembleNetwork
 from apf.models.optimiser import AdamW
 from apf.models.replay import Replayed, Step

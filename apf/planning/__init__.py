@@ -2,15 +2,12 @@
 
 from apf.planning.evaluation import ACCURACY_COLUMNS, REGRET_COLUMNS, EvaluationSettings, Evaluator
 from apf.planning.planner import Choice, MonteCarloPlanner
-from apf.planning.predictors import AnalyticPredictor, SimulationPredictor
 
 __all__ = [
     "ACCURACY_COLUMNS",
     "REGRET_COLUMNS",
-    "AnalyticPredictor",
     "Choice",
     "EvaluationSettings",
     "Evaluator",
     "MonteCarloPlanner",
-    "SimulationPredictor",
 ]

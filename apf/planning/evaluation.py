@@ -7,13 +7,11 @@ import numpy as np
 import pandas as pd
 from pydantic import AfterValidator, Field
 
+from apf.domain import Predictor, Task, World, carry_out
 from apf.planning.planner import MonteCarloPlanner
-from apf.predictor import Predictor
 from apf.rng import stream
 from apf.settings import Count, CountOrNone, Length, Seed, settings
-from apf.tasks import Task
 from apf.towers import TowerDomain, Towers
-from apf.worlds import World, carry_out
 
 REGRET_COLUMNS = ["step", "towers", "task", "problem", "world", "value", "best_value", "regret", "feasible"]
 ACCURACY_COLUMNS = ["step", "towers", "length", "accuracy", "auc", "n"]

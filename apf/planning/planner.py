@@ -7,9 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from apf.predictor import Predictor
+from apf.domain import Predictor, Task
 from apf.settings import Many, settings
-from apf.tasks import Task
 
 ROUNDS = ((0.2, 0.5), (1.0,))
 """How far through the members the looks at each prefix are, round by round. Most candidates are hopeless, and a few

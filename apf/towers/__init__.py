@@ -5,20 +5,30 @@ from apf.towers.blocks import BlockSet, BlockSource
 from apf.towers.domain import TowerDomain
 from apf.towers.features import N_FEATURES, N_POSITION, features
 from apf.towers.files import read_blocks, read_towers, write_blocks, write_towers
+from apf.towers.predictors import AnalyticPredictor, SimulationPredictor
 from apf.towers.rotations import QUATERNIONS, ROTATIONS, rotation_index
 from apf.towers.stability import standing_prefixes, stands
+from apf.towers.tasks import Overhang, Tallest, Unsupported
 from apf.towers.towers import Offset, Towers, random_extensions, random_towers
+from apf.towers.worlds import AnalyticWorld, NoisyWorld
 
 __all__ = [
     "N_FEATURES",
     "N_POSITION",
     "QUATERNIONS",
     "ROTATIONS",
+    "AnalyticPredictor",
+    "AnalyticWorld",
     "BlockSet",
     "BlockSource",
+    "NoisyWorld",
     "Offset",
+    "Overhang",
+    "SimulationPredictor",
+    "Tallest",
     "TowerDomain",
     "Towers",
+    "Unsupported",
     "balanced_towers",
     "features",
     "random_extensions",

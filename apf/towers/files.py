@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 
 from apf.errors import InputError
-from apf.tables import Table, read_table, shown, write_table
+from apf.rundir.tables import Table, read_table, shown, write_table
 from apf.towers.blocks import SIDES, BlockSet, first_fault
 from apf.towers.rotations import QUATERNIONS, not_axis_aligned, off_axis
 from apf.towers.towers import Towers

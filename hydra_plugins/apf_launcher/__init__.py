@@ -26,8 +26,8 @@ class SweepLauncher(Launcher):
 
     def setup(self, *, hydra_context: HydraContext, task_function: TaskFunction, config: DictConfig) -> None:
         """Called once, before `launch`."""
-        from apf.composing import Composer
-        from apf.sweep import run_here
+        from apf.launch.composing import Composer
+        from apf.launch.sweep import run_here
 
         self.context = hydra_context
         self.config = config
@@ -38,6 +38,6 @@ class SweepLauncher(Launcher):
 
     def launch(self, job_overrides: Sequence[Sequence[str]], initial_job_idx: int) -> Sequence[JobReturn]:
         """One run for each list of overrides."""
-        from apf.sweep import Sweep
+        from apf.launch.sweep import Sweep
 
         return Sweep(self.context, self.config, self.jobs, self.engine).run(job_overrides, initial_job_idx)

@@ -24,7 +24,7 @@ MAINS = {
     "apf.main": apf.main.main,
     "apf.label": apf.label.main,
     "apf.relabel": apf.relabel.main,
-    "apf.worlds.panda.show": lambda: import_module("apf.worlds.panda.show").main(),
+    "apf.panda.show": lambda: import_module("apf.panda.show").main(),
 }
 
 TINY = (

@@ -12,7 +12,7 @@ import pytest
 import yaml
 
 from apf.errors import InputError
-from apf.runs import Run, find_runs, gather, label_runs
+from apf.report.runs import Run, find_runs, gather, label_runs
 from integration.command_line import ANALYSIS, spawn
 
 SCRIPTS = {"regret": ANALYSIS / "plot_regret.py", "accuracy": ANALYSIS / "plot_accuracy.py"}
@@ -78,10 +78,10 @@ def test_plot_accuracy(sweep: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: P
 
 @pytest.mark.slow
 def test_one_panel_for_each_task_and_length(sweep: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    import apf.figures
+    import apf.report.figures
 
     figures = {}
-    save = apf.figures.save
+    save = apf.report.figures.save
 
     def keeping(figure: Any, table: pd.DataFrame, stem: Path) -> list[Path]:
         figures[stem.name] = ([axes.get_title() for axes in figure.axes], [len(axes.lines) for axes in figure.axes])
@@ -89,7 +89,7 @@ def test_one_panel_for_each_task_and_length(sweep: Path, monkeypatch: pytest.Mon
         return save(figure, table, stem)
 
     legends: dict[str, list[str]] = {}
-    monkeypatch.setattr(apf.figures, "save", keeping)
+    monkeypatch.setattr(apf.report.figures, "save", keeping)
     monkeypatch.delitem(sys.modules, "curves", raising=False)
     for name in SCRIPTS:
         plot(monkeypatch, name, sweep / "runs" / "mine", "--out", tmp_path / name)
@@ -102,7 +102,7 @@ def test_one_panel_for_each_task_and_length(sweep: Path, monkeypatch: pytest.Mon
 
 @pytest.mark.parametrize("labels", [["a", "b"], [f"training.learning_rate=1e-{i}, model.hidden=64" for i in range(7)]])
 def test_a_legend_fits_its_figure(labels: list[str]) -> None:
-    from apf.figures import accuracy_curves, plot_accuracy
+    from apf.report.figures import accuracy_curves, plot_accuracy
 
     table = pd.DataFrame({"group": labels, "run": range(len(labels))})
     table = table.assign(length=2, towers=100, accuracy=0.9, auc=0.9)
@@ -247,7 +247,7 @@ def test_a_value_that_varies_within_an_option_is_named_beside_it() -> None:
 
 
 def test_tasks_name_the_group() -> None:
-    target = {"_target_": "apf.tasks.Tallest"}
+    target = {"_target_": "apf.towers.Tallest"}
     one = run("a", {"task": {"tallest": target}}, task=["tallest"])
     two = run("b", {"task": {"tallest": target, "overhang": target}}, task=["tallest", "overhang"])
     assert label_runs([one, two]) == ["tallest", "tallest+overhang"]

@@ -107,7 +107,7 @@ WRONG_TYPE = [
     ("domain.training.side=[0.05]", "domain.training.side"),
     ("model.network._target_=apf.models.Nonsense", "model.network"),
     ("world._target_=nonsense.World", "world"),
-    ("world._target_=apf.tasks.Tallest", "world"),
+    ("world._target_=apf.towers.Tallest", "world"),
     ("~world", "world"),
     ("~world.noise", "world.noise"),
     ("seed=${nonsense}", "seed"),

@@ -7,7 +7,7 @@ import pytest
 import yaml
 from hydra import compose, initialize_config_dir
 
-from apf.config import config_dir
+from apf.config.values import config_dir
 from apf.models import Ensemble
 from integration.command_line import CONF, SMOKE, TINY, Result, call, options, spawn
 
@@ -97,10 +97,10 @@ def test_the_defaults_are_those_of_the_paper() -> None:
     assert cfg.model.network.hidden == 64
     assert cfg.sampler.score._target_ == "apf.acquisition.ExpectedBald"
     assert cfg.sampler.candidates.n == 10_000
-    assert cfg.world._target_ == "apf.worlds.NoisyWorld"
+    assert cfg.world._target_ == "apf.towers.NoisyWorld"
     assert cfg.world.noise == 0.003
     targets = {name: world["_target_"] for name, world in cfg.evaluation.worlds.items()}
-    assert targets == {"analytic": "apf.worlds.AnalyticWorld", "noisy": "apf.worlds.NoisyWorld"}
+    assert targets == {"analytic": "apf.towers.AnalyticWorld", "noisy": "apf.towers.NoisyWorld"}
     assert list(cfg.task) == ["tallest", "overhang", "unsupported"]
     assert (cfg.evaluation.every, cfg.evaluation.problems, cfg.evaluation.blocks) == (100, 50, 5)
     assert cfg.planner.candidates == 100_000

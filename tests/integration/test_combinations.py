@@ -8,10 +8,11 @@ import pytest
 from hydra import compose, initialize_config_dir
 from omegaconf import DictConfig
 
-from apf.config import config_dir, validate
-from apf.data import Kind
+from apf.config.schema import validate
+from apf.config.values import config_dir
+from apf.domain import Kind
 from apf.main import make_experiment, make_model
-from apf.store import Store
+from apf.rundir.store import Store
 from apf.tracking import NoTracker
 from integration.command_line import TINY, options
 

@@ -21,7 +21,7 @@ TRAP = """
 from pathlib import Path
 from apf.settings import settings
 from apf.towers import TowerDomain
-from apf.worlds import AnalyticWorld
+from apf.towers import AnalyticWorld
 
 Path(__file__).with_name("sprung").touch()
 
@@ -79,7 +79,7 @@ def must_be_refused(run: Path, *words: str) -> None:
 def calls(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """Notes what these tests' configs would have called, had it been called."""
     with contextlib.suppress(ImportError):
-        import_module("apf.worlds.panda.show")  # later, without exec, nothing could be imported
+        import_module("apf.panda.show")  # later, without exec, nothing could be imported
     Plugins.instance()  # Hydra imports these when it is first used
     called: list[str] = []
 
@@ -99,10 +99,10 @@ TARGETS = [
     {"_target_": "subprocess.Popen", "args": ["touch", "sprung"]},
     {"_target_": "functools.partial", "_args_": ["os.system"]},
     {"_target_": "pathlib.Path.touch", "self": "sprung"},
-    {"_target_": "apf.files.Path", "_args_": ["x"]},
-    {"_target_": "apf.files.write_yaml", "path": "sprung", "content": {}},
+    {"_target_": "apf.rundir.files.Path", "_args_": ["x"]},
+    {"_target_": "apf.rundir.files.write_yaml", "path": "sprung", "content": {}},
     {"_target_": "apf.main.main"},
-    {"_target_": "apf.store.Store", "directory": "sprung"},
+    {"_target_": "apf.rundir.store.Store", "directory": "sprung"},
     {"_target_": "apf.main.run_command"},
     {"_target_": "hydra.utils.call", "config": {"_target_": "os.system", "command": "touch sprung"}},
     {"_target_": "antigravity.fly"},
@@ -156,12 +156,12 @@ def test_every_place(foreign: Path, calls: list[str], place: str) -> None:
         ("world/_partial_", "yes"),
         ("model/network/_partial_", False),
         ("model/network/_target_", "apf.models.layers.EnsembleLinear"),
-        ("model/network/_target_", "apf.worlds.AnalyticWorld"),
-        ("world/_target_", "apf.tasks.Tallest"),
-        ("world/_target_", "apf.worlds.base.labels_from"),
+        ("model/network/_target_", "apf.towers.AnalyticWorld"),
+        ("world/_target_", "apf.towers.Tallest"),
+        ("world/_target_", "apf.domain.world.labels_from"),
         ("evaluation/_target_", "apf.planning.EvaluationSettings.__init__"),
         ("training/_partial_", True),
-        ("_target_", "apf.config.Config"),
+        ("_target_", "apf.config.schema.Config"),
         ("_partial_", True),
         ("hydra", {"searchpath": ["file://evil"]}),
         ("hydra", {"callbacks": {"x": {"_target_": "os.system", "command": "touch sprung"}}}),
@@ -332,7 +332,7 @@ def test_ones_own_classes_go_on_with_the_same_command(
     call(*TINY, *given, "hydra.run.dir=run").must_work()
     call("resume=run", "towers=14").must_work()
     edit(here / "run", "config.yaml", "world/_target_", "my_notions.Widest")
-    must_be_refused(here / "run", "world._target_", "my_notions.Widest", "apf.worlds.base.World")
+    must_be_refused(here / "run", "world._target_", "my_notions.Widest", "apf.domain.world.World")
     edit(here / "run", "config.yaml", "world/_target_", "my_notions.np.load")
     must_be_refused(here / "run", "world._target_", "my_notions.np.load")
 
@@ -347,7 +347,7 @@ def test_links_do_not_lead_out(foreign: Path, name: str) -> None:
     call("run=run", "tower=0", "labels=0", command="apf.relabel").must_refuse(name, "link")
 
 
-@pytest.mark.parametrize("command", ["apf.label", "apf.worlds.panda.show"])
+@pytest.mark.parametrize("command", ["apf.label", "apf.panda.show"])
 def test_the_other_commands_are_guarded_too(here: Path, calls: list[str], command: str) -> None:
     word = "tower" if command.endswith("show") else "towers"
     for given in ("world._target_=pandas.read_pickle", "+world.more={_target_:pandas.read_pickle}"):

@@ -11,9 +11,8 @@ import pandas as pd
 import pytest
 
 from apf.models import Ensemble
-from apf.store import Store
-from apf.towers import BlockSource, write_blocks
-from apf.worlds import NoisyWorld
+from apf.rundir.store import Store
+from apf.towers import BlockSource, NoisyWorld, write_blocks
 from integration.command_line import SMOKE, TINY, Result, call, child_environment, spawn
 
 TABLES = ("regret", "accuracy", "towers")

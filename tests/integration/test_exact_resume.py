@@ -13,8 +13,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from omegaconf import OmegaConf
 
-from apf.files import write_yaml
-from apf.resume import as_literal, quoted
+from apf.rundir.files import write_yaml
+from apf.rundir.resume import as_literal, quoted
 from apf.towers import BlockSet, BlockSource, write_blocks
 from integration.command_line import REPOSITORY, TINY, Result, call, spawn
 from integration.test_resume import stop_after

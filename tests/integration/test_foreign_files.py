@@ -10,7 +10,7 @@ import pytest
 import torch
 import yaml
 
-import apf.versions
+import apf.rundir.versions
 from apf.errors import InputError
 from apf.towers import BlockSource, write_blocks
 from apf.tracking import ConsoleTracker, RunInfo
@@ -180,11 +180,11 @@ def test_what_was_torn_is_kept_and_told(finished: Path) -> None:
 
 def test_going_on_with_other_versions_says_so(finished: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     kept = yaml.safe_load(finished.with_name("run.yaml").read_text())["versions"]
-    assert kept == apf.versions.versions()
+    assert kept == apf.rundir.versions.versions()
     assert torch.backends.cpu.get_cpu_capability() in kept["cpu"]
     assert "begun with" not in call("resume=run", "towers=14").must_work().err
     now = {**kept, "torch": "9.9.9", "cpu": "riscv64 DEFAULT"}
-    monkeypatch.setattr(apf.versions, "versions", lambda: now)
+    monkeypatch.setattr(apf.rundir.versions, "versions", lambda: now)
     result = call("resume=run", "towers=16").must_work()
     (line,) = [line for line in result.err.splitlines() if line.startswith("begun with")]
     for word in (f"torch {kept['torch']} (now 9.9.9)", f"cpu {kept['cpu']} (now riscv64 DEFAULT)"):

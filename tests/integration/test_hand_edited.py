@@ -11,14 +11,14 @@ import pytest
 import yaml
 
 from apf.errors import InputError
-from apf.kept import read_config, read_state
 from apf.relabel import domain_of
-from apf.report import print_summary
-from apf.resume import go_where_it_began, resumed
-from apf.rundir import check, finished, lengthen, reopen
-from apf.runs import find_runs, label_runs
-from apf.store import Store
-from apf.terminal import console
+from apf.report.runs import find_runs, label_runs
+from apf.report.summary import print_summary
+from apf.report.terminal import console
+from apf.rundir.directory import check, finished, lengthen, reopen
+from apf.rundir.kept import read_config, read_state
+from apf.rundir.resume import go_where_it_began, resumed
+from apf.rundir.store import Store
 from integration.command_line import ANALYSIS, TINY, call, spawn
 
 GONE = object()

@@ -9,7 +9,7 @@ import pytest
 import yaml
 from hydra._internal.config_loader_impl import ConfigLoaderImpl  # only to count what it is asked
 
-from apf.config import config_hash
+from apf.config.values import config_hash
 from integration.command_line import TINY, Result, call
 
 

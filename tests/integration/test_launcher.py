@@ -10,13 +10,13 @@ from pathlib import Path
 import pytest
 import yaml
 
-from apf.sweep import explain
+from apf.launch.sweep import explain
 from integration.command_line import TINY, call, child_environment, spawn
 
 WORLD = """
 import os, signal, time
 from apf.settings import settings
-from apf.worlds import AnalyticWorld
+from apf.towers import AnalyticWorld
 
 
 @settings

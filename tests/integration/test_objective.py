@@ -10,11 +10,11 @@ import pytest
 import yaml
 from hydra.core.utils import JobReturn, JobStatus
 
-import apf.sweep
+import apf.launch.sweep
 from apf.errors import Stopped
 from apf.experiment import Experiment
-from apf.objective import figures, outcome, returned
-from apf.sweep import Sweep
+from apf.launch.sweep import Sweep
+from apf.planning.objective import figures, outcome, returned
 from integration.command_line import TINY, call, spawn
 
 OPTUNA = ("-m", "hydra/sweeper=optuna", "hydra.sweeper.n_jobs=1", "hydra.sweeper.sampler.seed=0")
@@ -162,7 +162,7 @@ class FakeProcess:
     told: ClassVar[list[int]] = []
 
     @classmethod
-    def run(cls, sweep: Sweep, job: apf.sweep.Job, board: Any) -> tuple[apf.sweep.Job, float, str]:
+    def run(cls, sweep: Sweep, job: apf.launch.sweep.Job, board: Any) -> tuple[apf.launch.sweep.Job, float, str]:
         board.started(job.directory.name)
         warmup = int(next(text for text in job.command if text.startswith("training.warmup=")).partition("=")[2])
         cls.told.append(warmup)

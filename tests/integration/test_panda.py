@@ -14,10 +14,10 @@ import pytest
 import yaml
 from hydra import compose, initialize_config_dir
 
-from apf.config import config_dir, validate
-from apf.towers import BlockSet, Towers, write_blocks, write_towers
-from apf.worlds import NoisyWorld
-from apf.worlds.panda import PandaWorld
+from apf.config.schema import validate
+from apf.config.values import config_dir
+from apf.panda import PandaWorld
+from apf.towers import BlockSet, NoisyWorld, Towers, write_blocks, write_towers
 from integration.command_line import CONF, TINY, call, child_environment, spawn
 
 ROBOT = (*TINY, "world=panda", "sampler=incremental", "towers=11", "evaluation.every=9")
@@ -123,7 +123,7 @@ def tower_file(here: Path, graspable: BlockSet) -> Path:
 @pytest.mark.slow
 def test_a_film_and_its_stills(tower_file: Path, here: Path) -> None:
     small = ("camera.width=64", "camera.height=48", "camera.fps=5")
-    result = call(f"tower={tower_file}", "out=film.mp4", *small, command="apf.worlds.panda.show").must_work()
+    result = call(f"tower={tower_file}", "out=film.mp4", *small, command="apf.panda.show").must_work()
     assert result.out == "film.mp4, film.png: stood, labels 1 1\n"
     assert imageio.imread("film.png").shape == (48, 3 * 64, 3)
     frames = list(imageio.get_reader("film.mp4").iter_data())
@@ -147,7 +147,7 @@ def test_show_refuses(
     arguments: tuple[str, ...], words: tuple[str, ...], tower_file: Path, here: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("DISPLAY", raising=False)
-    call(f"tower={tower_file}", *arguments, command="apf.worlds.panda.show").must_refuse(*words)
+    call(f"tower={tower_file}", *arguments, command="apf.panda.show").must_refuse(*words)
     assert {path.name for path in here.iterdir()} == {"towers.csv"}
 
 

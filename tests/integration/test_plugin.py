@@ -17,7 +17,7 @@ from pydantic import PositiveFloat
 
 from apf.acquisition import Score
 from apf.settings import settings
-from apf.worlds import World, labels_from
+from apf.domain import World, labels_from
 
 
 @settings

@@ -13,10 +13,10 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from hypothesis import given
 from hypothesis import strategies as st
 
-from apf.cli import typed
-from apf.resume import quoted
+from apf.launch.cli import typed
+from apf.report.terminal import console
 from apf.rng import stream
-from apf.terminal import console
+from apf.rundir.resume import quoted
 from apf.towers import BlockSource, random_towers, write_towers
 from integration.command_line import ANALYSIS, TINY, call, spawn
 
@@ -110,7 +110,7 @@ def test_a_robot_table(odd_run: tuple[Path, str, str], tmp_path: Path) -> None:
 
 def test_names_that_are_no_text(tmp_path: Path) -> None:
     """A file name of bytes that are no UTF-8, as other systems write them: shown escaped, where it cannot be shown."""
-    code = "import sys; from apf.terminal import accept_any_name; accept_any_name(); print('a\\udcffb')"
+    code = "import sys; from apf.report.terminal import accept_any_name; accept_any_name(); print('a\\udcffb')"
     assert spawn(["-c", code], cwd=tmp_path).must_work().out == "a\\udcffb\n"
 
 
@@ -154,7 +154,7 @@ def test_any_text_can_be_typed(value: str) -> None:
 
 MINE = '''
 from apf.settings import settings
-from apf.worlds import AnalyticWorld
+from apf.towers import AnalyticWorld
 
 
 @settings

@@ -12,13 +12,13 @@ import pytest
 import torch
 import yaml
 
-from apf.claim import locked
+from apf.domain import are_labels
 from apf.experiment import Experiment
 from apf.interrupts import TimeLimitError, time_limit
 from apf.models import training
-from apf.store import Store
-from apf.towers import BlockSource, write_blocks
-from apf.worlds import NoisyWorld, are_labels
+from apf.rundir.claim import locked
+from apf.rundir.store import Store
+from apf.towers import BlockSource, NoisyWorld, write_blocks
 from integration.command_line import TINY, Result, call
 
 pytestmark = pytest.mark.usefixtures("no_figures")

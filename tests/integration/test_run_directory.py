@@ -11,14 +11,14 @@ import torch
 import yaml
 from hydra import compose, initialize_config_dir
 
-from apf.config import config_dir, validate
-from apf.data import Kind
+from apf.config.schema import validate
+from apf.config.values import config_dir
+from apf.domain import Kind
 from apf.main import make_model
 from apf.planning import Evaluator
-from apf.store import Store
-from apf.towers import read_towers, standing_prefixes
+from apf.rundir.store import Store
+from apf.towers import NoisyWorld, read_towers, standing_prefixes
 from apf.towers.files import TOWER_COLUMNS
-from apf.worlds import NoisyWorld
 from integration.command_line import SMOKE, TINY, Result, call
 
 REGRET = ["step", "towers", "task", "problem", "world", "value", "best_value", "regret", "feasible"]

@@ -13,11 +13,13 @@ from hydra import compose, initialize_config_dir
 from hydra.utils import get_class
 from omegaconf import DictConfig, OmegaConf
 
-from apf.cli import MISTAKES, one_line
-from apf.config import build, config_dir, validate
+from apf.config.build import build
+from apf.config.schema import validate
+from apf.config.values import config_dir
 from apf.errors import InputError, shown
 from apf.label import LabelConfig
-from apf.machine import check_machine
+from apf.launch.cli import MISTAKES, one_line
+from apf.launch.machine import check_machine
 from apf.main import make_model
 from apf.relabel import RelabelConfig
 from integration.command_line import TINY, call, options
@@ -145,7 +147,7 @@ def test_all_keys_of_an_option_given_all_values(group: str, option: str) -> None
     [
         ("label", LabelConfig, ["towers=a.csv", "out=b.csv"]),
         ("relabel", RelabelConfig, ["run=a", "tower=1", "labels='10'"]),
-        ("show", "apf.worlds.panda.show.ShowConfig", ["tower=a.csv"]),
+        ("show", "apf.panda.show.ShowConfig", ["tower=a.csv"]),
     ],
 )
 def test_all_keys_of_other_commands(name: str, schema: Any, given: list[str]) -> None:

@@ -22,7 +22,7 @@ import wandb.errors
 import yaml
 
 from apf.experiment import Experiment
-from apf.store import Store
+from apf.rundir.store import Store
 from apf.tracking.weights_and_biases import mode_here
 from integration.command_line import TINY, call, spawn
 

@@ -14,7 +14,7 @@ from integration.command_line import CONF, REPOSITORY, TINY, Result, call, spawn
 
 RUN = """
 import runpy, apf, apf.config
-print(apf.__file__, apf.config.config_dir(), sep="\\n")
+print(apf.__file__, apf.config.values.config_dir(), sep="\\n")
 runpy.run_module("apf.main", run_name="__main__")
 """
 

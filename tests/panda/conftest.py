@@ -5,12 +5,12 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 
+from apf.panda import PandaWorld
+from apf.panda.belief import Belief
+from apf.panda.builder import Builder
+from apf.panda.layout import Layout
+from apf.panda.settings import Sight
 from apf.towers import BlockSet
-from apf.worlds.panda import PandaWorld
-from apf.worlds.panda.belief import Belief
-from apf.worlds.panda.builder import Builder
-from apf.worlds.panda.layout import Layout
-from apf.worlds.panda.settings import Sight
 
 EXACT = Sight(position=0.0, rotation=0.0)
 

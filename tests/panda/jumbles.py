@@ -2,9 +2,9 @@
 
 import numpy as np
 
+from apf.panda.geometry import about_z, pose
+from apf.panda.layout import Layout
 from apf.towers import BlockSet
-from apf.worlds.panda.geometry import about_z, pose
-from apf.worlds.panda.layout import Layout
 
 KINDS = ("crosswise", "leaning", "upside_down", "touching", "swapped")
 

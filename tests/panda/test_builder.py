@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from apf.errors import Stopped
+from apf.panda import PandaWorld
+from apf.panda.accounting import INTERVENTION
+from apf.panda.builder import Builder
+from apf.panda.geometry import angle, distance, pose
+from apf.panda.settings import Help
 from apf.towers import BlockSet, Towers
-from apf.worlds.panda import PandaWorld
-from apf.worlds.panda.accounting import INTERVENTION
-from apf.worlds.panda.builder import Builder
-from apf.worlds.panda.geometry import angle, distance, pose
-from apf.worlds.panda.settings import Help
 from panda.jumbles import KINDS, jumble
 
 Scene = Callable[[np.ndarray], Builder]

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from apf.errors import InputError
+from apf.panda import PandaWorld
+from apf.panda.grasps import FINGERTIP, Gripper, grasps_of
+from apf.panda.layout import Layout
+from apf.panda.stations import tilts
 from apf.towers import BlockSet, Towers
-from apf.worlds.panda import PandaWorld
-from apf.worlds.panda.grasps import FINGERTIP, Gripper, grasps_of
-from apf.worlds.panda.layout import Layout
-from apf.worlds.panda.stations import tilts
 
 GRIPPER = Gripper()
 

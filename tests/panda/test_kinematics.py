@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from apf.worlds.panda.belief import Belief
-from apf.worlds.panda.geometry import about_z, angle, distance, disturbed, from_vector, inverse, moved, pose, to_vector
-from apf.worlds.panda.kinematics import LOWER, REST, UPPER, forward, inverse_kinematics, straight, within_limits
-from apf.worlds.panda.scene import TARGET
-from apf.worlds.panda.stations import posture
+from apf.panda.belief import Belief
+from apf.panda.geometry import about_z, angle, distance, disturbed, from_vector, inverse, moved, pose, to_vector
+from apf.panda.kinematics import LOWER, REST, UPPER, forward, inverse_kinematics, straight, within_limits
+from apf.panda.scene import TARGET
+from apf.panda.stations import posture
 
 DOWN = np.diag([1.0, -1.0, -1.0])
 

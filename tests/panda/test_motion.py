@@ -5,15 +5,15 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from apf.panda.belief import Belief, Held
+from apf.panda.geometry import about_z, inverse, pose
+from apf.panda.grasps import Gripper, grasps_of
+from apf.panda.kinematics import REST, forward, inverse_kinematics
+from apf.panda.motion import MotionSettings, between, find_motion
+from apf.panda.planner import NoPlan, Planner, Search
+from apf.panda.reality import trapezoid
+from apf.panda.stations import Reach, posture
 from apf.towers import ROTATIONS, BlockSet
-from apf.worlds.panda.belief import Belief, Held
-from apf.worlds.panda.geometry import about_z, inverse, pose
-from apf.worlds.panda.grasps import Gripper, grasps_of
-from apf.worlds.panda.kinematics import REST, forward, inverse_kinematics
-from apf.worlds.panda.motion import MotionSettings, between, find_motion
-from apf.worlds.panda.planner import NoPlan, Planner, Search
-from apf.worlds.panda.reality import trapezoid
-from apf.worlds.panda.stations import Reach, posture
 
 DOWN = np.diag([1.0, -1.0, -1.0])
 HOW = MotionSettings()

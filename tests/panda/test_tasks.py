@@ -8,7 +8,7 @@ import sys
 import pytest
 from unified_planning.model import FNode, Object
 
-from apf.worlds.panda.tasks import Action, Fact, solve
+from apf.panda.tasks import Action, Fact, solve
 
 NOW, PEDESTAL, GOAL = "now", "pedestal3", "goal"
 
@@ -67,7 +67,7 @@ def test_nothing_is_left_of_a_problem() -> None:
 
 def test_every_process_finds_the_same_plan() -> None:
     code = (
-        "from apf.worlds.panda.tasks import *;"
+        "from apf.panda.tasks import *;"
         "f=[Fact(0,'now',7),Fact(0,'pedestal3',7),Fact(0,'pedestal3',9),Fact(0,'goal',9)];"
         "print(solve(0,'now','goal',['pedestal3'],f))"
     )

@@ -5,11 +5,10 @@ import json
 import numpy as np
 import pytest
 
-from apf.towers import BlockSet, Towers
-from apf.worlds import NoisyWorld
-from apf.worlds.base import are_labels
-from apf.worlds.panda import PandaWorld
-from apf.worlds.panda.accounting import COLUMNS
+from apf.domain import are_labels
+from apf.panda import PandaWorld
+from apf.panda.accounting import COLUMNS
+from apf.towers import BlockSet, NoisyWorld, Towers
 
 
 def rng_of(seed: int) -> np.random.Generator:
@@ -91,7 +90,7 @@ def test_what_cannot_be_planned_is_told_apart_from_a_fall(
     find = planner.plan
 
     def not_for_the_second(block: int, *rest: object) -> object:
-        from apf.worlds.panda.planner import NoPlan
+        from apf.panda.planner import NoPlan
 
         if block == 1:
             raise NoPlan("no grasp")

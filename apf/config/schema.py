@@ -1,0 +1,123 @@
+"""The schema of a run's config, and whether its parts fit each other."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Any
+
+import pydantic
+from omegaconf import DictConfig
+from pydantic import Field
+
+from apf.acquisition import Sampler
+from apf.config.build import build
+from apf.config.messages import describe
+from apf.config.values import plain, understood
+from apf.domain import Predictor, Task, World
+from apf.errors import InputError
+from apf.experiment import Acquisition, Execution, Initial
+from apf.models import EnsembleSettings, Training
+from apf.planning import EvaluationSettings, MonteCarloPlanner
+from apf.planning.objective import Objective, check_objective
+from apf.settings import Count, Few, Name, Number, Seed, settings
+from apf.towers import BlockSet, TowerDomain
+from apf.tracking import Tracker
+
+
+@settings
+class Learned:
+    """Stands for the ensemble that the run itself trains."""
+
+    odds: Annotated[Number, Field(gt=0, le=1000)]
+    """What the odds of each placement are multiplied by when plans are judged; what to try next is chosen without."""
+
+
+@settings
+class Config:
+    """Every setting of a run. The comments in `conf/config.yaml` say what each is for."""
+
+    seed: Seed
+    towers: Count
+    initial: Initial
+    acquisition: Acquisition
+    execution: Execution
+    training: Training
+    evaluation: EvaluationSettings
+    domain: TowerDomain
+    model: EnsembleSettings
+    sampler: Sampler
+    world: World
+    task: dict[str, Task]
+    planner: MonteCarloPlanner
+    predictor: Predictor | Learned
+    tracker: Tracker
+    device: Name
+    threads: Few
+    sweep: Name
+    objective: Objective
+
+
+def validate(cfg: DictConfig) -> Config:
+    """All parts of a config, made and checked. Raises InputError, naming the key, for what is unknown or wrong."""
+    return settle(cfg)[1]
+
+
+def settle(cfg: DictConfig, kept: Path | None = None) -> tuple[dict[str, Any], Config]:
+    """The plain config, each value as it was understood, and all of its parts, made and checked.
+
+    Args:
+        cfg: What Hydra composed.
+        kept: A run directory whose block sets are to be used, whatever the config says of them.
+
+    Raises:
+        InputError: Something is unknown or wrong; it names the key.
+    """
+    config = build(cfg, Config)
+    values = understood(plain(cfg), config)
+    if kept is not None:
+        config = replace(config, domain=config.domain.kept_in(kept))
+    check_together(config)
+    return values, config
+
+
+def with_values(config: Config, values: dict[str, Any], cfg: DictConfig) -> Config:
+    """The same parts with other numbers and names beside them, those of cfg. Raises InputError, naming the key."""
+    try:
+        return replace(config, **values)
+    except pydantic.ValidationError as error:
+        raise InputError(describe(error, "", cfg)) from None
+
+
+def check_together(config: Config) -> None:
+    """Raises InputError, naming the key, if parts that are right by themselves do not fit each other."""
+    if not config.task:
+        raise InputError("task: none is chosen; choose at least one of tallest, overhang, unsupported")
+    first = config.initial.train + config.initial.validation
+    if config.towers < first:
+        raise InputError(f"towers is {config.towers}; it must be at least the {first} initial ones (initial.*)")
+    if config.acquisition.validation >= config.acquisition.towers:
+        raise InputError(
+            f"acquisition.validation is {config.acquisition.validation}; it must be less than "
+            f"acquisition.towers, {config.acquisition.towers}"
+        )
+    plans = config.initial.train + (0 if config.training.early_stopping else config.initial.validation)
+    if config.training.learning_rate * config.training.weight_decay >= plans:
+        raise InputError(
+            f"training.weight_decay is {config.training.weight_decay:g}; times training.learning_rate it must be less "
+            f"than the {plans} plans that are trained on first, or no weight is left"
+        )
+    config.domain.check_length(config.sampler.max_length, "sampler")
+    config.domain.check_length(config.evaluation.blocks, "evaluation.blocks", evaluation=True)
+    _check_world("world", config.world, config.domain.training_blocks, config.sampler.max_length)
+    for name, world in config.evaluation.worlds.items():
+        key = f"evaluation.worlds.{name}"
+        _check_world(key, world, config.domain.evaluation_blocks, config.evaluation.blocks)
+    for length in config.evaluation.lengths:
+        config.domain.check_length(length, "evaluation.lengths", evaluation=True)
+    check_objective(config.objective, config.evaluation, config.task)
+
+
+def _check_world(key: str, world: World, blocks: BlockSet, length: int) -> None:
+    try:
+        world.check(blocks, length)
+    except InputError as error:
+        raise InputError(f"{key}: {error}") from None

@@ -1,0 +1,25 @@
+"""An objective V: what a plan that succeeds is worth."""
+
+from abc import ABC, abstractmethod
+from typing import Any, ClassVar
+
+import numpy as np
+
+from apf.domain.domain import Domain
+
+
+class Task(ABC):
+    """An objective function V(a) of the evaluation phase."""
+
+    domain: ClassVar[type[Domain] | None] = None
+    """Whose plans it values; None: any domain's."""
+
+    title: str = ""
+    """For figures, e.g. Tallest tower; by default its name in the config."""
+
+    unit: str
+    """Unit of the value, for tables and figures."""
+
+    @abstractmethod
+    def value(self, plans: Any) -> np.ndarray:
+        """[N] value of each plan if it succeeds; never negative."""

@@ -1,0 +1,106 @@
+"""What the experiment asks of a world: carry out plans, say which prefixes stood (detailedPlanEx)."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+import pandas as pd
+
+from apf.domain import UNOBSERVED
+from apf.errors import InputError, Stopped
+from apf.interrupts import TimeLimitError, time_limit
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What came of one plan: its labels [K], and what the world measured and how it was left, as JSON can hold it."""
+
+    labels: np.ndarray
+    report: dict[str, Any] | None = None
+
+
+class World(ABC):
+    """Where plans are executed."""
+
+    domain: ClassVar[type[Domain] | None] = None
+    """Whose plans it can execute; None: any domain's."""
+
+    @abstractmethod
+    def execute(self, plans: Any, rng: np.random.Generator) -> np.ndarray:
+        """Carry out N plans of K placements. Returns labels [N, K] int8: 1 stood, 0 fell, -1 not attempted."""
+
+    def attempt(self, plan: Any, rng: np.random.Generator, before: Mapping[str, Any] | None = None) -> Outcome:
+        """Carry out one plan (N = 1). `before`: the report of the one before it; a world that is left in some state
+        starts from what it says, and from nothing else, so that a run that goes on later finds what it left."""
+        labels = np.asarray(self.execute(plan, rng))
+        return Outcome(labels[0] if len(labels) == 1 else labels)
+
+    def summary(self, reports: Sequence[Mapping[str, Any]]) -> dict[str, float]:
+        """Figures by name, for the curves of a run, of what this world reported of some plans."""
+        return {}
+
+    def table(self, reports: Mapping[int, Mapping[str, Any]]) -> pd.DataFrame | None:
+        """What this world reported of plans, by their numbers, as a table; None: it reports nothing."""
+        return None
+
+    @property
+    def initial_world(self) -> "World":
+        """Where an experiment in this world labels the plans that it starts from."""
+        return self
+
+    def check(self, domain: Any, length: int, evaluation: bool = False) -> None:  # noqa: B027
+        """Raises InputError if not all plans of up to `length` placements can be tried here.
+
+        Args:
+            domain: Of the plans.
+            length: The largest number of placements.
+            evaluation: Are they made of the objects of the evaluation, or of those of the experiment?
+        """
+
+    def close(self) -> None:  # noqa: B027
+        """Give back what the world holds, if it holds anything."""
+
+
+def carry_out(
+    world: World,
+    plan: Any,
+    rng: np.random.Generator,
+    limit: float | None,
+    what: str,
+    before: Mapping[str, Any] | None = None,
+) -> Outcome:
+    """What came of one plan (N = 1), which may take `limit` seconds; `before` as `World.attempt` takes it.
+
+    Raises Stopped, saying `what` was tried, if the world fails, takes longer, or answers no labels.
+    """
+    try:
+        with time_limit(limit):
+            outcome = world.attempt(plan, rng, before)
+    except TimeLimitError:
+        raise Stopped(f"world: {what} took longer than execution.time_limit={limit:g} s") from None
+    except (InputError, Stopped) as error:
+        raise Stopped(f"world: {what}: {error}") from error
+    except Exception as error:
+        reason = next(iter(str(error).splitlines()), "")
+        raise Stopped(f"world: {what} failed: {type(error).__name__}: {reason}") from error
+    labels = np.asarray(outcome.labels)
+    if labels.shape != (plan.length,) or not are_labels(labels):
+        raise Stopped(f"world: {what} got {labels.tolist()}; labels [{plan.length}] are 1, ..., 0, -1, ...")
+    return outcome
+
+
+def are_labels(labels: np.ndarray) -> bool:
+    """Are these the labels [K] of prefixes: some that stood, one that fell unless all did, the rest unobserved?"""
+    return bool(np.isin(labels, (0, 1, UNOBSERVED)).all() and (labels_from(labels[None] == 1)[0] == labels).all())
+
+
+def labels_from(stood: np.ndarray) -> np.ndarray:
+    """Labels [N, K] of prefixes that stood [N, K] bool: everything after the first fall is unobserved."""
+    labels = np.full(stood.shape, UNOBSERVED, np.int8)
+    standing = np.ones(len(stood), bool)
+    for prefix in range(stood.shape[1]):
+        labels[standing, prefix] = stood[standing, prefix]
+        standing &= stood[:, prefix]
+    return labels

@@ -1,0 +1,183 @@
+"""What every command shares: Hydra around it, and one line instead of a traceback for a user's mistake."""
+
+import contextlib
+import functools
+import os
+import re
+import shlex
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from hydra.core.hydra_config import HydraConfig
+from hydra.errors import HydraException, MissingConfigException, OverrideParseException
+from hydra.experimental.callback import Callback
+from hydra.types import RunMode
+from omegaconf import DictConfig
+from omegaconf.errors import ConfigAttributeError, ConfigKeyError, OmegaConfBaseException
+
+from apf.config.messages import no_such_key
+from apf.config.values import config_dir
+from apf.errors import InputError, Stopped
+from apf.interrupts import Interrupted, end_with_parent, watch_signals
+from apf.report.terminal import accept_any_name
+from apf.rundir.resume import quoted
+
+MISTAKES = (InputError, HydraException, OmegaConfBaseException)
+ONE_LINE = (*MISTAKES, Stopped)
+FOLLOWER = "APF_ENDS_WITH_PARENT"
+"""Environment variable of a process that ends when its standard input closes."""
+NOT_CHOSEN = r"Could not override '([^']*)'\. No match in the defaults list\.\nTo append to .* use \+[^=]*=(.*)"
+"""What Hydra says of the choice of a group that its defaults list does not hold."""
+GRAMMAR = re.compile(
+    r"LexerNoViableAlt|mismatched input|extraneous input|no viable alternative|token recognition error"
+)
+"""What Hydra's parser says of a text that its grammar does not know."""
+LONG = 200
+"""Characters of a word that are always shown."""
+_show_traceback = os.environ.get("HYDRA_FULL_ERROR") == "1"
+_in_job = False
+
+
+def one_line_errors(job: Callable[[DictConfig], Any]) -> Callable[[DictConfig], Any]:
+    """Decorates a Hydra job: a user's mistake in it ends the process with one line and exit code 1.
+
+    In a sweep that shares this process it does not end the others: Hydra goes on, and names it when it has done all.
+    """
+
+    @functools.wraps(job)
+    def wrapped(cfg: DictConfig) -> Any:
+        global _in_job
+        _in_job = True
+        try:
+            return job(cfg)
+        except ONE_LINE as error:
+            NewFolders.remove()
+            if _show_traceback or HydraConfig.get().mode == RunMode.MULTIRUN:
+                raise
+            sys.exit(f"error: {one_line(error)}")  # Hydra lets SystemExit through, and adds no lines of its own
+
+    return wrapped
+
+
+def run_command(
+    command: Callable[[], object], rewrite: Callable[[list[str]], list[str]] = lambda arguments: arguments
+) -> None:
+    """Run a Hydra command; whatever keeps it from starting its job also ends in one line and exit code 1.
+
+    rewrite: what becomes of the arguments before Hydra sees them. Set HYDRA_FULL_ERROR=1 to see tracebacks.
+    """
+    global _in_job
+    _in_job = False
+    os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra then hands its exceptions on
+    try:
+        watch_signals()
+        accept_any_name()
+        if FOLLOWER in os.environ:
+            end_with_parent()
+        find_modules_here()
+        sys.argv[1:] = rewrite(sys.argv[1:])  # may take folders from the path again
+        command()
+    except KeyboardInterrupt as error:
+        print(str(error) or "interrupted", file=sys.stderr)
+        sys.exit(128 + (error.number if isinstance(error, Interrupted) else 2))
+    except Exception as error:
+        NewFolders.remove()
+        if _show_traceback or (_in_job and not isinstance(error, ONE_LINE)):
+            raise
+        given = "" if isinstance(error, (*ONE_LINE, OSError)) else f" (given: {' '.join(sys.argv[1:])})"
+        sys.exit(f"error: {one_line(error)}{given}")
+
+
+def find_modules_here() -> None:
+    """Let a `_target_` name a module of the current folder, as `python -m` does.
+
+    A console script does not look there by itself; jobs of a sweep and resumed runs, which are started by `python -m`,
+    do, and the same command must mean the same everywhere. The folder comes last: nothing in it hides a library.
+    """
+    if not sys.flags.safe_path and str(Path.cwd()) not in sys.path:
+        sys.path.append(str(Path.cwd()))
+
+
+class NewFolders(Callback):
+    """Notes which folders Hydra makes for a run or a sweep, to take them back if it never begins."""
+
+    missing: tuple[Path, ...] = ()
+    """Innermost first."""
+
+    def on_run_start(self, config: DictConfig, **kwargs: Any) -> None:
+        """Called before the run directory is made."""
+        self.note(config.hydra.run)
+
+    def on_multirun_start(self, config: DictConfig, **kwargs: Any) -> None:
+        """Called before the sweep directory is made."""
+        self.note(config.hydra.sweep)
+
+    @staticmethod
+    def note(where: DictConfig) -> None:
+        """What is missing of the path `where.dir` is not the user's."""
+        NewFolders.missing = ()
+        with contextlib.suppress(OmegaConfBaseException):  # a config that is wrong is told to the user later
+            directory = Path(where.dir).absolute()
+            NewFolders.missing = tuple(folder for folder in (directory, *directory.parents) if not folder.exists())
+
+    @staticmethod
+    def remove() -> None:
+        """Remove the new folders that hold nothing but Hydra's note of a sweep."""
+        for folder in NewFolders.missing:
+            with contextlib.suppress(OSError):
+                if [path.name for path in folder.iterdir()] == ["multirun.yaml"]:
+                    (folder / "multirun.yaml").unlink()
+                folder.rmdir()
+
+
+def one_line(error: BaseException) -> str:
+    """The message of an exception in one line that can be printed, with the config key that it is about.
+
+    What a terminal would not show, or take for a command, is escaped; a word that fills the screen is cut.
+    """
+    line = re.sub(rf"(\S{{{LONG}}})\S{{{LONG},}}", r"\1 ...", _folded(error))
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in line)
+
+
+def _folded(error: BaseException) -> str:
+    if isinstance(error, OSError) and error.strerror:
+        return f"{error.filename}: {error.strerror}"
+    cause = error.__cause__
+    if isinstance(error, HydraException) and isinstance(cause, ConfigAttributeError | ConfigKeyError):
+        return no_such_key(str(cause.full_key), cause.parent_node)
+    if isinstance(error, OverrideParseException):
+        return unreadable(error)
+    message = str(error).partition("\nConfig search path:")[0]
+    if added := re.fullmatch(NOT_CHOSEN, message):
+        group, option = added.groups()
+        if Path(config_dir(), group).is_dir():
+            return f"{group}={option}: no {group} is chosen by default, so it is added with a plus: +{group}={option}"
+    if isinstance(error, MissingConfigException) and error.missing_cfg_file and not error.options:
+        if "submitit" in error.missing_cfg_file:
+            return "hydra/launcher: Hydra's submitit launcher is not installed; pip install 'apf[slurm]'"
+        folder = Path(config_dir(), error.missing_cfg_file).parent  # of a list of choices, Hydra names no options
+        message += f"; here are: {', '.join(sorted(path.stem for path in folder.glob('*.yaml')))}"
+    lines = [line.strip() for line in message.splitlines()]
+    kept = [line for line in lines if line and not line.startswith(("full_key:", "object_type=", "To append to"))]
+    folded = " ".join(kept)
+    key = str(getattr(error, "full_key", None) or "")
+    return folded if key in folded else f"{key}: {folded}"
+
+
+def unreadable(error: OverrideParseException) -> str:
+    """One line on an argument that Hydra cannot read, and how to write it so that it can."""
+    key, equals, value = error.override.partition("=")
+    if not equals or not re.fullmatch(r"[+~]*[\w./@:-]+", key):
+        return f"{error.override}: cannot be read; an argument is KEY=VALUE, as in seed=1"
+    told = error.message.partition("\nSee https://hydra.cc")[0].partition(f"override '{error.override}'\n")[2]
+    if told and not GRAMMAR.search(told):  # a function that is used wrongly, say: it tells why
+        return f"{error.override}: cannot be read: {' '.join(told.split())}"
+    return f"{error.override}: cannot be read; put the value in quotes, and all of it in others: {typed(key, value)}"
+
+
+def typed(key: str, value: str) -> str:
+    """How `key=value` is typed in a shell, for any value."""
+    argument = f"{key}={quoted(value)}"
+    return shlex.quote(argument) if re.search(r'["$`!\n]|\\\\', argument) else f'"{argument}"'

@@ -1,0 +1,67 @@
+"""Does a run fit the machine that it is to run on? Asked before anything is labelled or written."""
+
+import contextlib
+import os
+import sys
+from pathlib import Path
+
+import torch
+
+from apf.config.schema import Config
+from apf.domain import Domain
+from apf.errors import InputError
+from apf.models import EnsembleSettings
+
+GIB = 2**30
+PLACEMENT = 200
+"""Bytes that a placement of a plan takes while plans are drawn, judged and turned into features, about."""
+ANSWER = 8
+"""Bytes of what one member says of one prefix."""
+WEIGHT = 32
+"""Bytes that training holds for each weight: itself, its mean, the best, its gradient, what AdamW keeps of it."""
+LIMIT = Path("/sys/fs/cgroup/memory.max")
+"""Where Linux says how much memory a container may take."""
+
+
+def cores() -> int:
+    """Processor cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def memory(device: torch.device | None = None) -> int:
+    """Bytes of memory of this machine, or of a GPU; of a container, what it may take."""
+    if device is not None and device.type == "cuda":
+        return int(torch.cuda.get_device_properties(device).total_memory)
+    if not hasattr(os, "sysconf"):  # Windows does not tell: nothing is refused there
+        return sys.maxsize
+    total = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    with contextlib.suppress(OSError, ValueError):  # no such limit, or `max`
+        total = min(total, int(LIMIT.read_text()))
+    return total
+
+
+def check_machine(config: Config) -> None:
+    """Raises InputError, naming the key, for more threads than cores, or more plans at once than memory holds."""
+    if config.threads > cores():
+        raise InputError(f"threads is {config.threads}; this machine has {cores()} cores for this process")
+    answers = PLACEMENT + ANSWER * config.model.members
+    longest = max(config.evaluation.lengths, default=0)
+    for key, plans, length, each in (
+        ("planner.candidates", config.planner.candidates, config.evaluation.blocks, PLACEMENT),
+        ("sampler.candidates.n", getattr(config.sampler.candidates, "n", 0), config.sampler.max_length, answers),
+        ("evaluation.test_towers", config.evaluation.test_towers, longest, answers),
+    ):
+        _check_memory(f"{key} is {plans}; towers of {length} blocks", plans * length * each, memory())
+
+
+def check_weights(settings: EnsembleSettings, domain: Domain, device: torch.device) -> None:
+    """Raises InputError if the device cannot hold the networks while they are trained."""
+    with torch.device("meta"):  # sizes without memory
+        network = settings.network(members=1, n_features=domain.n_features, n_position=domain.n_position)
+    weights = settings.members * sum(weight.numel() for weight in network.parameters())
+    _check_memory(f"model: {settings.members} members of this network", WEIGHT * weights, memory(device))
+
+
+def _check_memory(what: str, needed: int, there: int) -> None:
+    if needed > there:
+        raise InputError(f"{what} need about {needed / GIB:,.0f} GiB of memory; there are {there / GIB:,.1f}")

@@ -1,0 +1,66 @@
+"""What the robot can hold and reach: refused before anything moves, if it cannot."""
+
+import numpy as np
+
+from apf.errors import InputError
+from apf.panda.geometry import pose
+from apf.panda.grasps import Gripper, grasps_of
+from apf.panda.kinematics import inverse_kinematics
+from apf.panda.layout import Layout
+from apf.panda.stations import Reach, posture
+from apf.towers import BlockSet, Towers
+
+DOWN = np.diag([1.0, -1.0, -1.0])
+LONGEST = 0.15
+"""A longer block [m] would stand in its neighbours' way at home."""
+FARTHEST = 0.85
+"""From the robot's own place [m]: nowhere does the arm put a block beyond."""
+HEAVIEST = 2.0
+"""[kg] that the arm and the gripper carry."""
+
+
+def check_blocks(blocks: BlockSet, gripper: Gripper, layout: Layout) -> None:
+    """Raises InputError, naming block and limit, if the gripper cannot hold one, or there are too many."""
+    if len(blocks) > len(layout.homes_at):
+        raise InputError(f"there are {len(blocks)} blocks; the table has places for {len(layout.homes_at)}")
+    for name, dims, mass in zip(blocks.name, blocks.dims, blocks.mass):
+        if dims.min() > gripper.widest:
+            raise InputError(
+                f"block {name}: its shortest side is {dims.min():.3f} m; the gripper takes at most {gripper.widest:g} m"
+            )
+        if not grasps_of(dims, gripper):
+            raise InputError(f"block {name}: its sides are {dims.round(3).tolist()} m; the fingers find no hold on it")
+        if dims.max() > LONGEST:
+            raise InputError(f"block {name}: its longest side is {dims.max():.3f} m; it may be {LONGEST:g} m at most")
+        if mass > HEAVIEST:
+            raise InputError(f"block {name}: its mass is {mass:g} kg; the arm carries at most {HEAVIEST:g} kg")
+
+
+def check_height(height: float, layout: Layout, reach: Reach) -> None:
+    """Raises InputError if a tower of that height [m] is higher than the arm can put a block on."""
+    limit = highest(layout, reach)
+    if height > limit:
+        raise InputError(f"the tower is {height:.3f} m high; over its base the arm reaches up to {limit:.2f} m")
+
+
+def check_places(towers: Towers, layout: Layout) -> None:
+    """Raises InputError, naming the block, if one belongs where the table or the arm does not reach."""
+    for places, blocks in zip(towers.xy + np.array(layout.base), towers.block):
+        for (x, y), block in zip(places, blocks):
+            name = towers.blocks.name[block]
+            if not layout.holds(np.array([x, y, 0.0])):
+                raise InputError(
+                    f"block {name}: its place, x = {x:.3f}, y = {y:.3f} m from the robot, is off the table"
+                )
+            if np.hypot(x, y) > FARTHEST:
+                far = np.hypot(x, y)
+                raise InputError(f"block {name}: its place is {far:.3f} m from the robot; it reaches {FARTHEST:g} m")
+
+
+def highest(layout: Layout, reach: Reach) -> float:
+    """How high a tower may be [m]: its top block can still be lowered onto it, the hand pointing down."""
+    for centimetres in range(100, 0, -1):
+        target = pose((*layout.base, centimetres / 100 + reach.lift), DOWN)
+        if len(inverse_kinematics(target, posture(target))):
+            return centimetres / 100
+    return 0.0

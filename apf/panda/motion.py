@@ -1,0 +1,123 @@
+"""Motions that touch nothing: RRT-Connect in joint space (Section Perception, planning, and execution)."""
+
+from collections.abc import Callable, Collection
+from itertools import pairwise
+from typing import Annotated
+
+import numpy as np
+from ompl import base as ob
+from ompl import geometric as og
+from ompl import util as ou
+from pydantic import Field
+
+from apf.panda.belief import Belief, Held
+from apf.panda.kinematics import JOINTS, LOWER, REST, UPPER
+from apf.settings import Count, Number, settings
+
+ou.setLogLevel(ou.LogLevel.LOG_NONE)  # RRT-Connect tells of each start and goal, and of seeds that are set anew
+
+
+END = 0.05
+"""So near to either end of a motion [rad] the clearance of straight lines holds: it goes on from one, or to one."""
+
+
+@settings
+class MotionSettings:
+    """How motions are looked for."""
+
+    clearance: Annotated[Number, Field(ge=0, le=1)] = 0.008
+    """From everything, in a motion from place to place [m]."""
+    near: Annotated[Number, Field(ge=0, le=1)] = 0.001
+    """From everything but the block itself, in approach, lift, lower, retreat [m]."""
+    step: Annotated[Number, Field(ge=0.001, le=1)] = 0.025
+    """Collisions are checked at points this far apart [rad], in the joint that moves most: at the arm's full length
+    about two clearances, so that nothing is passed through in between."""
+    reach: Annotated[Number, Field(ge=0.01, le=10)] = 0.6
+    """Longest branch of the tree [rad]."""
+    iterations: Count = 1500
+    """Of the planner, after which it gives up."""
+    shortcuts: Count = 40
+    """Attempts to shorten what it found."""
+
+
+def find_motion(
+    belief: Belief,
+    start: np.ndarray,
+    goal: np.ndarray,
+    held: Held | None,
+    how: MotionSettings,
+    seed: int,
+    ignore: Collection[int] = (),
+) -> np.ndarray | None:
+    """[M, 7] joints from start [7] to goal [7], both included, along which nothing is touched; None: none was found.
+
+    A straight line if that is free, or two with the arm raised between them, else by RRT-Connect, shortened. Depends on
+    nothing but the arguments.
+    """
+
+    def free(q: np.ndarray) -> bool:
+        at_an_end = min(np.abs(q - start).max(), np.abs(q - goal).max()) < END
+        return not belief.touches(q, held, how.near if at_an_end else how.clearance, ignore=ignore)
+
+    if not free(start) or not free(goal):
+        return None
+    for via in ([], [_above(start, goal)]):
+        path = np.array([start, *via, goal])
+        if all(free(q) for q in via) and all(free(q) for a, b in pairwise(path) for q in between(a, b, how.step)):
+            return path
+    return _rrt_connect(start, goal, free, how, seed)
+
+
+def between(start: np.ndarray, goal: np.ndarray, step: float) -> np.ndarray:
+    """[M, 7] points on the line between two configurations, ends left out, at most `step` [rad] apart; middle first."""
+    n = int(np.ceil(np.abs(goal - start).max() / step))
+    order = sorted(range(1, n), key=lambda i: (-(i & -i), i))
+    return start + np.array(order)[:, None] / max(n, 1) * (goal - start) if order else np.empty((0, JOINTS))
+
+
+def _above(start: np.ndarray, goal: np.ndarray) -> np.ndarray:
+    """[7] half way, but nearer to the posture of rest, in which the hand is high above the table."""
+    middle = (start + goal) / 2
+    middle[1:6] = 0.7 * REST[1:6] + 0.3 * middle[1:6]
+    return middle
+
+
+def _rrt_connect(
+    start: np.ndarray, goal: np.ndarray, free: Callable[[np.ndarray], bool], how: MotionSettings, seed: int
+) -> np.ndarray | None:
+    ou.RNG.setSeed(seed)  # of what is made from here on
+    space = ob.RealVectorStateSpace(JOINTS)
+    bounds = ob.RealVectorBounds(JOINTS)
+    for joint in range(JOINTS):
+        bounds.setLow(joint, float(LOWER[joint]))
+        bounds.setHigh(joint, float(UPPER[joint]))
+    space.setBounds(bounds)
+    information = ob.SpaceInformation(space)
+    information.setStateValidityChecker(lambda state: free(_joints(state)))
+    information.setStateValidityCheckingResolution(how.step / space.getMaximumExtent())
+    information.setup()
+    problem = ob.ProblemDefinition(information)
+    ends = [space.allocState(), space.allocState()]
+    for state, q in zip(ends, (start, goal)):
+        for joint in range(JOINTS):
+            state[joint] = float(q[joint])
+    problem.setStartAndGoalStates(*ends)
+    planner = og.RRTConnect(information)
+    planner.setRange(how.reach)
+    planner.setProblemDefinition(problem)
+    planner.setup()
+    rounds = iter(range(how.iterations))
+    if not planner.solve(ob.PlannerTerminationCondition(lambda: next(rounds, None) is None)):
+        return None
+    if problem.hasApproximateSolution():
+        return None
+    path = problem.getSolutionPath()
+    simplifier = og.PathSimplifier(information)
+    simplifier.reduceVertices(path, how.shortcuts, how.shortcuts)
+    simplifier.partialShortcutPath(path, how.shortcuts, how.shortcuts)
+    simplifier.reduceVertices(path, how.shortcuts, how.shortcuts)
+    return np.array([_joints(path.getState(i)) for i in range(path.getStateCount())])
+
+
+def _joints(state: ob.State) -> np.ndarray:
+    return np.array([state[joint] for joint in range(JOINTS)])

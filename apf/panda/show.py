@@ -1,0 +1,70 @@
+"""python -m apf.panda.show tower=FILE: build a tower, clear it up, and film it."""
+
+from pathlib import Path
+
+import hydra
+from omegaconf import DictConfig
+from pydantic import Field
+
+from apf.config.build import build
+from apf.config.values import config_dir
+from apf.domain import World
+from apf.errors import InputError
+from apf.launch.cli import one_line_errors, run_command
+from apf.panda.film import Camera, filming
+from apf.panda.world import PandaWorld
+from apf.rng import stream
+from apf.settings import CountOrNone, Seed, settings
+from apf.towers import Towers, read_towers
+
+
+@settings
+class ShowConfig:
+    """What the command is given; the comments in `conf/show.yaml` say what for."""
+
+    tower: Path
+    number: CountOrNone
+    out: Path
+    seed: Seed
+    gui: bool
+    world: World
+    camera: Camera = Field(default_factory=Camera)
+
+
+@hydra.main(version_base="1.3", config_path=config_dir(), config_name="show")
+@one_line_errors
+def job(cfg: DictConfig) -> None:
+    """Build, judge, clear up; write the film and the strip."""
+    config = build(cfg, ShowConfig)
+    world = config.world
+    if not isinstance(world, PandaWorld):
+        raise InputError("world: only the robot can be shown; choose world=panda")
+    tower = tower_of(config.tower, config.number)
+    world.check_plans(tower)
+    builder = world.builder
+    with filming(config.out, config.camera) as film:
+        builder.robot.reality.on_step = film
+        builder.on_judged = lambda: film.still(builder.robot.reality)
+        outcome = world.attempt(tower, stream(config.seed, "show"))
+        film.still(builder.robot.reality)
+        world.close()
+    assert outcome.report is not None
+    labels = " ".join("-" if label < 0 else str(label) for label in outcome.labels)
+    print(f"{config.out}, {config.out.with_suffix('.png').name}: {outcome.report['outcome']}, labels {labels}")
+
+
+def tower_of(path: Path, number: int) -> Towers:
+    """The tower of that place in a tower file, counted from 0. Raises InputError if there is none."""
+    places = {order: batch.towers[i : i + 1] for batch in read_towers(path) for i, order in enumerate(batch.order)}
+    if number not in places:
+        raise InputError(f"number={number}: {path} holds {len(places)} towers, counted from 0")
+    return places[number]
+
+
+def main() -> None:
+    """Entry point of the command."""
+    run_command(job)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,115 @@
+"""Finished runs as tables: find run directories, and tell them apart by what differs between them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from apf.config.values import NO_EFFECT, flatten, identity
+from apf.errors import InputError
+from apf.rundir.kept import Summary, read_config, read_state
+
+NOT_A_GROUP = ("seed",)
+"""Keys by which runs of one group may differ."""
+NO_NAME = (*NO_EFFECT, "experiment", "with_world")
+"""Config groups whose choice says nothing of a run's results, or only what other keys say."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run directory: its plain config, and which option was chosen of each config group."""
+
+    directory: Path
+    config: dict[str, Any]
+    choices: dict[str, Any]
+
+    def table(self, name: str) -> pd.DataFrame:
+        """The parquet table of that name. Raises InputError if it cannot be read."""
+        path = self.directory / f"{name}.parquet"
+        try:
+            return pd.read_parquet(path)
+        except (OSError, ValueError) as error:
+            raise InputError(f"{path}: cannot be read: {str(error).splitlines()[0]}") from None
+
+
+def find_runs(directories: Sequence[Path]) -> tuple[list[Run], list[Path]]:
+    """The finished runs in and below the directories, and the directories of those that have not finished.
+
+    Raises InputError if a directory does not exist or holds no finished run.
+    """
+    finished, unfinished = {}, []
+    for top in directories:
+        if not top.is_dir():
+            raise InputError(f"{top}: no such directory; give a run directory or one that holds runs")
+        for path in sorted(top.rglob("run.yaml")):
+            state = read_state(path.parent, Summary)
+            if state["finished"]:
+                config = read_config(path.parent)
+                finished[path.parent.resolve()] = Run(path.parent, config, state["choices"])
+            else:
+                unfinished.append(path.parent)
+    if not finished:
+        hint = f"; {len(unfinished)} there have not finished" if unfinished else ""
+        raise InputError(f"{', '.join(map(str, directories))}: no finished run found{hint}")
+    return list(finished.values()), unfinished
+
+
+def label_runs(runs: Sequence[Run]) -> list[str]:
+    """For each run, what sets its group apart: runs that differ by their seed alone share a label.
+
+    Where the choice of a config group differs, its name stands for all keys of the group that follow from it.
+    """
+    groups = sorted({group for run in runs for group in run.choices if _owner(group) not in NO_NAME})
+    flats = [flatten(identity(run.config)) for run in runs]
+    chosen = [g for g in groups if _varies([str(run.choices.get(g)) for run in runs])]
+    keys = sorted({key for flat in flats for key in flat if key not in NOT_A_GROUP})
+    differing = [key for key in keys if _varies_within(key, flats, runs, [_owner(g) for g in chosen], chosen)]
+    labels = []
+    for run, flat in zip(runs, flats, strict=True):
+        parts = [_show(run.choices.get(group)) for group in chosen]
+        parts += [f"{key}={_show(flat.get(key))}" for key in differing]
+        labels.append(", ".join(parts) or _show(run.choices.get("sampler")))
+    return labels
+
+
+def gather(runs: Sequence[Run], name: str) -> pd.DataFrame:
+    """One table of all runs, with columns `run` (a number) and `group` (the label) added in front."""
+    parts = []
+    for number, (run, label) in enumerate(zip(runs, label_runs(runs), strict=True)):
+        part = run.table(name)
+        part.insert(0, "group", label)
+        part.insert(0, "run", number)
+        parts.append(part)
+    return pd.concat(parts, ignore_index=True)
+
+
+def _owner(group: str) -> str:
+    """The config key that a group fills: `model` for model, `evaluation.worlds.noisy` for
+    world@evaluation.worlds.noisy."""
+    return group.rpartition("@")[2]
+
+
+def _varies(values: Sequence[Any]) -> bool:
+    return len({str(value) for value in values}) > 1
+
+
+def _varies_within(
+    key: str, flats: Sequence[dict], runs: Sequence[Run], owners: Sequence[str], chosen: Sequence[str]
+) -> bool:
+    """Does a key differ between runs, other than by the choice of the group that it belongs to?"""
+    group = next((g for g, owner in zip(chosen, owners, strict=True) if key.startswith(f"{owner}.")), None)
+    if group is None:
+        return _varies([flat.get(key) for flat in flats])
+    options: dict[str, list[Any]] = {}
+    for flat, run in zip(flats, runs, strict=True):
+        options.setdefault(str(run.choices.get(group)), []).append(flat.get(key))
+    return any(_varies(values) for values in options.values())
+
+
+def _show(value: Any) -> str:
+    """As one would write it on the command line; a list with + between its values."""
+    if isinstance(value, list):
+        return "+".join(map(_show, value))
+    return {"None": "null", "True": "true", "False": "false"}.get(str(value), str(value))

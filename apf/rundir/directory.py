@@ -1,0 +1,197 @@
+"""What a run directory holds, how it was started, how far it has gone, and whether it may go on."""
+
+import contextlib
+import secrets
+import shlex
+from collections.abc import Iterator
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from hydra.core.hydra_config import HydraConfig
+from hydra.types import RunMode
+from omegaconf import OmegaConf
+
+from apf.config.values import LENGTH, config_dir, config_hash, flatten, identity
+from apf.errors import InputError, Stopped
+from apf.interrupts import Interrupted
+from apf.rundir.claim import CONFIG, JOURNAL, STATE, TABLES, WORLD_TABLE, is_new, refuse_foreign
+from apf.rundir.files import checksum, read_yaml, write_yaml
+from apf.rundir.journal import Journal, create
+from apf.rundir.kept import read_config, read_state
+from apf.rundir.versions import versions
+from apf.towers import TowerDomain
+
+NOT_KEPT = ("hydra.mode", "hydra.run.", "hydra.sweep", "hydra/sweeper", "hydra.launcher", "hydra/launcher")
+"""Hydra's own overrides that say where and how a run is started, not what it is."""
+
+
+def check(directory: Path, config: dict[str, Any], domain: TowerDomain) -> bool:
+    """Could this run be the one that the directory holds, if it holds one? Returns whether that has gone as far.
+
+    Raises InputError, naming the keys that differ, if another run lives there, or if it goes on in another way.
+    """
+    if not holds_run(directory):
+        return False
+    kept = read_config(directory)
+    mine, theirs = (flatten(identity(c)) for c in (config, kept))
+    differing = [key for key in sorted(mine.keys() | theirs.keys()) if mine.get(key) != theirs.get(key)]
+    if differing:
+        raise InputError(f"{directory} holds a run of another config; these keys differ: {', '.join(differing)}")
+    check_blocks(directory, domain)
+    if not (directory / JOURNAL).exists():
+        raise InputError(
+            f"{directory / JOURNAL} is missing, and all labels with it; put it back, or remove {directory}"
+        )
+    done = finished(directory)
+    if config[LENGTH] < kept[LENGTH] and not done:
+        raise InputError(f"{directory} holds a run of {kept[LENGTH]} towers that has not finished; go on with as many")
+    first, each = sum(kept["initial"].values()), kept["acquisition"]["towers"]
+    if config[LENGTH] > kept[LENGTH] and (kept[LENGTH] - first) % each:
+        raise InputError(
+            f"{directory} holds a run of {kept[LENGTH]} towers, whose last acquisition had fewer than {each}: "
+            "it cannot be made longer"
+        )
+    return done and config[LENGTH] <= kept[LENGTH]
+
+
+def check_blocks(directory: Path, domain: TowerDomain) -> None:
+    """Raises InputError if a block set is not the one that the run began with."""
+    began = read_state(directory)["blocks"]
+    for name, digest in domain.digests.items():
+        if began.get(name) != digest:
+            raise InputError(
+                f"{directory / name} differs from the blocks of now, or was changed; labels belong to the blocks that "
+                "the run began with"
+            )
+    domain.check_kept(directory)
+
+
+def begin(directory: Path, config: dict[str, Any], domain: TowerDomain) -> None:
+    """Make the (locked) directory this run's own, unless it is already; config.yaml, written last, says that it is.
+
+    Raises InputError as `check` does; or, naming the file, if something there is the user's and would be overwritten.
+    """
+    if check(directory, config, domain):
+        return
+    if holds_run(directory):
+        lengthen(directory, config)
+        return
+    refuse_foreign(directory, domain, config_hash(config))
+    hydra = HydraConfig.get()
+    in_sweep = hydra.mode == RunMode.MULTIRUN or directory.parent == Path(hydra.sweep.dir).absolute()
+    choices = {key: value for key, value in hydra.runtime.choices.items() if "hydra/" not in key}
+    identifier = secrets.token_hex(4)
+    state = {
+        "name": directory.name,
+        "id": identifier,
+        "hash": config_hash(config),
+        "sweep": config["sweep"] if in_sweep else None,
+        "choices": {**choices, "task": list(config["task"])},
+        "overrides": as_typed(hydra.overrides.task),
+        "cwd": str(Path.cwd()),
+        "blocks": domain.digests,
+        "versions": versions(),
+        "finished": False,
+        "seconds": 0.0,
+    }
+    try:
+        domain.keep(directory)
+        write_yaml(directory / STATE, state)
+        create(directory / JOURNAL, identifier)
+        write_yaml(directory / CONFIG, config)
+    except OSError as error:
+        raise InputError(f"{directory}: cannot be written: {error.strerror}") from None
+    except UnicodeError:
+        raise InputError(f"{directory}: its name, or a value of the config, cannot be written as text") from None
+    check_written(directory, config, state, domain)
+
+
+def check_written(directory: Path, config: dict[str, Any], state: dict[str, Any], domain: TowerDomain) -> None:
+    """Raises InputError if what a run begins with cannot be read back as it was written."""
+    for name, written in ((CONFIG, config), (STATE, state)):
+        read = read_yaml(directory / name)
+        for key in written:
+            if read.get(key) != written[key]:
+                raise InputError(f"{key}: a value cannot be kept: {directory / name} does not give it back as it is")
+    try:
+        domain.check_kept(directory)
+    except InputError as error:
+        raise InputError(f"domain: blocks cannot be kept; do their names have blanks or symbols? {error}") from None
+
+
+def as_typed(overrides: Any) -> list[str]:
+    """Overrides of a command line, no interpolation resolved: what they refer to may be another thing elsewhere."""
+    return OmegaConf.to_container(overrides, resolve=False)  # type: ignore[return-value]
+
+
+def holds_run(directory: Path) -> bool:
+    """Has a run made the directory its own?"""
+    return (directory / CONFIG).exists() and (directory / STATE).exists()
+
+
+def lengthen(directory: Path, config: dict[str, Any]) -> None:
+    """Note that the run goes farther now, if it does."""
+    kept = read_config(directory)
+    if kept[LENGTH] != config[LENGTH]:
+        reopen(directory)
+        write_yaml(directory / CONFIG, {**kept, LENGTH: config[LENGTH]})
+
+
+def finish(directory: Path, journal: Journal) -> None:
+    """Note that the run has finished, how far its journal goes, and how that, tables and weights look."""
+    weights = [f"weights/{path.name}" for path in sorted((directory / "weights").glob("*.safetensors"))]
+    reported = [WORLD_TABLE] if (directory / WORLD_TABLE).exists() else []
+    files = {name: checksum(directory / name) for name in (JOURNAL, *TABLES, *reported, *weights)}
+    done = {"finished": True, "seconds": round(journal.seconds, 1), "journal": asdict(journal.end), "files": files}
+    write_yaml(directory / STATE, {**read_state(directory), **done})
+
+
+def reopen(directory: Path) -> None:
+    """Note that a finished run has something to do again."""
+    write_yaml(directory / STATE, {**read_state(directory), "finished": False})
+
+
+def finished(directory: Path) -> bool:
+    """Has the run there finished, and are its journal, tables and weights still what they were?"""
+    if not (directory / STATE).exists():
+        return False
+    state = read_state(directory)
+    files = state.get("files") or {}
+    return bool(state.get("finished")) and all(checksum(directory / name) == files[name] for name in files)
+
+
+def output_directory(hydra: Any) -> Path:
+    """Hydra's output directory. Its name is a name, whatever it looks like: `${seed}` is not the seed."""
+    return Path(OmegaConf.to_container(hydra.runtime, resolve=False)["output_dir"])  # type: ignore
+
+
+def hydra_arguments(hydra: Any) -> list[str]:
+    """Flags and overrides that a command line needs besides the overrides of the job, to compose the same config."""
+    arguments = []
+    for source in hydra.runtime.config_sources:
+        if source.provider == "command-line":
+            arguments += ["--config-dir", source.path]
+        if source.provider == "main" and source.path != config_dir():
+            arguments += ["--config-path", source.path]
+    if hydra.job.config_name != "config":
+        arguments += ["--config-name", hydra.job.config_name]
+    return arguments + [text for text in as_typed(hydra.overrides.hydra) if not text.lstrip("+~").startswith(NOT_KEPT)]
+
+
+@contextlib.contextmanager
+def resumable(directory: Path) -> Iterator[None]:
+    """What ends the run says how to go on with it; a mistake before its first record passes as it is."""
+    how = f"go on with: python -m apf.main resume={shlex.quote(str(directory))}"
+    try:
+        yield
+    except KeyboardInterrupt as error:
+        number = error.number if isinstance(error, Interrupted) else 2
+        raise Interrupted(number, f"interrupted; {how}") from None
+    except (InputError, Stopped) as error:
+        if isinstance(error, InputError) and is_new(directory):
+            raise
+        raise Stopped(f"{error}; {how}") from error
+    except OSError as error:
+        reason = f"{error.filename or directory}: cannot be written: {error.strerror}" if error.strerror else error
+        raise Stopped(f"{reason}; {how}") from error

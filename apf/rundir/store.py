@@ -1,0 +1,335 @@
+"""The run directory: the one source of truth about a run.
+
+config.yaml       the resolved config
+run.yaml          name, choices, versions, state, wall time
+journal.jsonl     every plan proposed, every label, correction, training and evaluation, in the order they came
+weights/          step_0010.safetensors: the ensemble at each evaluated step
+towers.parquet, regret.parquet, accuracy.parquet    the journal as tables, when it has grown by a tenth, and at the end
+"""
+
+from bisect import bisect_right, insort
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from operator import attrgetter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from apf.acquisition import Scored
+from apf.domain import UNOBSERVED, Labelled
+from apf.errors import InputError
+from apf.planning.evaluation import ACCURACY_COLUMNS, REGRET_COLUMNS
+from apf.rundir.claim import STATE
+from apf.rundir.files import checksum, make_folder, remove_unfinished, replacing
+from apf.rundir.journal import HEADER, End, Journal, Record
+from apf.rundir.kept import read_state
+from apf.rundir.records import check
+from apf.rundir.tables import write_table
+from apf.towers import TowerDomain
+
+SYMBOL = {1: "1", 0: "0", -1: "-"}
+"""How the journal writes labels, one character for each prefix: stood, fell, not attempted."""
+VALUE = {symbol: label for label, symbol in SYMBOL.items()}
+
+DTYPES = {
+    **dict.fromkeys(("step", "towers", "problem", "length", "n"), "int64"),
+    **dict.fromkeys(("value", "best_value", "regret", "accuracy", "auc"), "float64"),
+    "feasible": "bool",
+}
+
+GROWTH = 1.1
+"""Tables are written at an evaluation if so many times as many towers are labelled as when they last were: over a run
+the rows that are written then stay in proportion to those of its last tables."""
+
+
+@dataclass
+class Tower:
+    """What is known of a proposed plan. labels: None until it is executed. score: None for initial plans.
+    report: what the world told of its execution, beside the labels, if anything.
+
+    corrected: its labels are not those first recorded. outdated: it was chosen by a model that had learned from a
+    label corrected since.
+    """
+
+    number: int
+    step: int
+    split: str
+    score: float | None
+    plan: dict[str, Any]
+    labels: str | None = None
+    corrected: bool = False
+    outdated: bool = False
+    report: dict[str, Any] | None = None
+
+    @property
+    def note(self) -> str | None:
+        """As `towers.parquet` says it."""
+        notes = ["corrected"] * self.corrected + ["chosen before a correction"] * self.outdated
+        return "; ".join(notes) or None
+
+
+@dataclass
+class Batch:
+    """All labelled plans of one length, oldest first: what is known of each [N], the plans, their labels [N, K]."""
+
+    plans: Any
+    labels: np.ndarray
+    towers: list[Tower] = field(default_factory=list)
+
+
+class Store:
+    """Reads and writes one run directory. A label is on disk before `record` returns."""
+
+    def __init__(self, directory: Path, domain: TowerDomain) -> None:
+        """Raises InputError if the journal is damaged, another run's, or cannot be written."""
+        self.directory = directory
+        self.domain = domain
+        state = read_state(directory) if (directory / STATE).exists() else {}
+        known = state.get("journal")
+        self.journal = Journal(directory / "journal.jsonl", state.get("id", ""), End(**known) if known else None)
+        make_folder(directory / "weights")
+        for folder in (directory, directory / "weights"):
+            remove_unfinished(folder)
+        self.corrections = 0
+        self._towers: list[Tower] = []
+        self._steps: dict[int, list[Tower]] = {}
+        self._labelled: list[Tower] = []
+        """By their numbers."""
+        self._labelled_steps: list[int] = []
+        """The step of each labelled plan, in ascending order."""
+        self._reported: Tower | None = None
+        """The last plan that the world told anything of."""
+        self._batches: dict[int, Batch] = {}
+        """By length, of the first plans of `_labelled`."""
+        self._exported = 0
+        """Labelled plans when the tables were last written."""
+        self._trainings: dict[int, dict[str, float]] = {}
+        self._evaluations: dict[int, Record] = {}
+        for number, record in enumerate(self.journal.records, HEADER + 1):
+            try:
+                check(record, self._towers, domain.encoded_length)
+            except ValueError as error:
+                self.close()
+                line = f"line {number} ({record.get('kind')})"
+                raise InputError(f"{self.journal.path} is damaged: {line} cannot be used: {error}") from None
+            self._apply(record)
+
+    def close(self) -> None:
+        """Release the journal."""
+        self.journal.close()
+
+    def _append(self, kind: str, **content: Any) -> None:
+        """Make a record durable, and take it into account. Raises ValueError if it could not be read back."""
+        check({"kind": kind, **content}, self._towers, self.domain.encoded_length)
+        self._apply(self.journal.append(kind, **content))
+
+    def _apply(self, record: Record) -> None:
+        """Take a record into account. The journal alone, read from its beginning, gives the state."""
+        match record["kind"]:
+            case "plans":
+                first = len(self._towers)
+                towers = [Tower(number, record["step"], **plan) for number, plan in enumerate(record["plans"], first)]
+                self._towers += towers
+                self._steps.setdefault(record["step"], []).extend(towers)
+            case "label":
+                self._label(self._towers[record["tower"]], record["labels"], record.get("report"))
+            case "correction":
+                self._correct(self._towers[record["tower"]], record["labels"])
+            case "training":
+                self._trainings[record["step"]] = record["losses"]
+            case "evaluation":
+                self._evaluations[record["step"]] = record
+
+    def _label(self, tower: Tower, labels: str, report: dict[str, Any] | None) -> None:
+        tower.labels, tower.report = labels, report
+        if self._labelled and self._labelled[-1].number > tower.number:
+            self._batches.clear()
+        insort(self._labelled, tower, key=attrgetter("number"))
+        insort(self._labelled_steps, tower.step)
+        if report is not None and (self._reported is None or self._reported.number < tower.number):
+            self._reported = tower
+
+    def _correct(self, tower: Tower, labels: str) -> None:
+        """What was learned from the old labels is forgotten; plans that were chosen by it are marked."""
+        self.corrections += 1
+        tower.labels, tower.corrected = labels, True
+        self._batches.clear()
+        for other in self._towers:
+            other.outdated |= other.step > tower.step and other.score is not None
+        for learned in (self._trainings, self._evaluations):
+            for step in [step for step in learned if step >= tower.step]:
+                del learned[step]
+
+    # -- plans and labels ---------------------------------------------------------------------------------------
+
+    def planned(self, step: int) -> bool:
+        """Have the plans of this step been chosen?"""
+        return step in self._steps
+
+    def plan(self, step: int, scored: Sequence[Scored], splits: Sequence[str]) -> None:
+        """Record what will be executed in this step, all or nothing."""
+        plans = [
+            {"split": split, "score": None if np.isnan(s.score) else s.score, "plan": self.domain.encode(s.plan)[0]}
+            for s, split in zip(scored, splits, strict=True)
+        ]
+        self._append("plans", step=step, plans=plans)
+
+    def pending(self, step: int) -> list[tuple[int, Any]]:
+        """(number, plan) of each plan of this step that has not been executed yet."""
+        pending = [tower for tower in self._steps.get(step, []) if tower.labels is None]
+        return [(tower.number, self.domain.decode([tower.plan])) for tower in pending]
+
+    def record(self, number: int, labels: np.ndarray, report: dict[str, Any] | None = None) -> None:
+        """Make the labels [K] of a plan durable, and what the world reported."""
+        symbols = "".join(SYMBOL[int(label)] for label in labels)
+        self._append("label", tower=number, labels=symbols, **({} if report is None else {"report": report}))
+
+    @property
+    def last_report(self) -> dict[str, Any] | None:
+        """What the world told of the last plan that it told anything of: how it was left."""
+        return self._reported.report if self._reported else None
+
+    def reports(self, step: int | None = None) -> dict[int, dict[str, Any]]:
+        """What the world told, by the number of the plan, of all plans or of those of a step."""
+        towers = self._towers if step is None else self._steps.get(step, [])
+        return {tower.number: tower.report for tower in towers if tower.report is not None}
+
+    def tower(self, number: int) -> Tower:
+        """An executed plan. Raises InputError if there is none of that number."""
+        if not 0 <= number < len(self._towers) or self._towers[number].labels is None:
+            have = self._labelled
+            numbers = f"towers {have[0].number} to {have[-1].number} have" if have else "none has"
+            raise InputError(f"tower is {number}; {numbers} labels in {self.directory}")
+        return self._towers[number]
+
+    def correct(self, number: int, labels: str, reason: str) -> None:
+        """Make other labels of an executed plan durable; the journal keeps the old ones too."""
+        self._append("correction", tower=number, old=self.tower(number).labels, labels=labels, reason=reason)
+
+    def labelled(self, split: str | None = None, until: int | None = None) -> list[Labelled]:
+        """All labelled plans of a split (or of both), up to a step, one batch per length, oldest first."""
+        labelled = []
+        for batch in self._decoded():
+            rows = [
+                row
+                for row, tower in enumerate(batch.towers)
+                if split in (None, tower.split) and (until is None or tower.step <= until)
+            ]
+            if rows:
+                labelled.append(Labelled(batch.plans[np.array(rows)], batch.labels[rows]))
+        return labelled
+
+    def _decoded(self) -> list[Batch]:
+        """All labelled plans, one batch per length; only those labelled since the last call are decoded."""
+        known = sum(len(batch.towers) for batch in self._batches.values())
+        by_length: dict[int, list[Tower]] = {}
+        for tower in self._labelled[known:]:
+            by_length.setdefault(len(tower.labels or ""), []).append(tower)
+        for length, towers in by_length.items():
+            plans = self.domain.decode([tower.plan for tower in towers])
+            labels = np.array([[VALUE[symbol] for symbol in tower.labels or ""] for tower in towers], np.int8)
+            if before := self._batches.get(length):
+                plans = self.domain.concatenate([before.plans, plans])
+                labels, towers = np.concatenate([before.labels, labels]), before.towers + towers
+            self._batches[length] = Batch(plans, labels, towers)
+        return [batch for _, batch in sorted(self._batches.items())]
+
+    def executed(self, step: int) -> tuple[np.ndarray, np.ndarray]:
+        """Of this step's plans: did the whole plan succeed [n] bool, and the acquisition scores [n]."""
+        towers = [tower for tower in self._steps.get(step, []) if tower.labels is not None]
+        return (
+            np.array([set(tower.labels or "") == {"1"} for tower in towers], bool),
+            np.array([np.nan if tower.score is None else tower.score for tower in towers], float),
+        )
+
+    def count(self, until: int) -> int:
+        """Labelled plans up to a step."""
+        return bisect_right(self._labelled_steps, until)
+
+    # -- what was learned ---------------------------------------------------------------------------------------
+
+    def training(self, step: int) -> Mapping[str, float] | None:
+        """The losses of this step's training, if it was done."""
+        return self._trainings.get(step)
+
+    def record_training(self, step: int, losses: Mapping[str, float]) -> None:
+        """Make the losses of a training durable; those of the same training done again are the same."""
+        if self._trainings.get(step) != losses:
+            self._append("training", step=step, losses=dict(losses))
+
+    def evaluated(self, step: int) -> bool:
+        """Has this step been evaluated, and does what was kept of it still hold?"""
+        done = self._evaluations.get(step)
+        return done is not None and (done["weights"] is None or done["weights"] == checksum(self.weights(step)))
+
+    def record_evaluation(
+        self, step: int, regret: pd.DataFrame, accuracy: pd.DataFrame, save: Callable[[Path], None] | None = None
+    ) -> None:
+        """Make an evaluation durable with the weights that `save` writes; write the tables if they lag far behind."""
+        weights = self.weights(step)
+        if save:
+            with replacing(weights) as half:
+                save(half)
+        rows = {
+            name: table.astype(object).where(table.notna(), None).to_numpy().tolist()
+            for name, table in (("regret", regret), ("accuracy", accuracy))
+        }
+        self._append("evaluation", step=step, **rows, weights=checksum(weights) if save else None)
+        if len(self._labelled) >= GROWTH * self._exported:
+            self.export()
+
+    def weights(self, step: int) -> Path:
+        """Where the ensemble of this step is kept."""
+        return self.directory / "weights" / f"step_{step:04d}.safetensors"
+
+    # -- tables -------------------------------------------------------------------------------------------------
+
+    def regret(self, step: int | None = None) -> pd.DataFrame:
+        """All evaluations so far, or that of a step, in the columns of `regret.parquet`."""
+        return self._evaluation_table("regret", REGRET_COLUMNS, step)
+
+    def accuracy(self, step: int | None = None) -> pd.DataFrame:
+        """All evaluations so far, or that of a step, in the columns of `accuracy.parquet`."""
+        return self._evaluation_table("accuracy", ACCURACY_COLUMNS, step)
+
+    def _evaluation_table(self, name: str, columns: list[str], step: int | None) -> pd.DataFrame:
+        steps = sorted(self._evaluations) if step is None else [step]
+        rows = [row for step in steps for row in self._evaluations[step][name]]
+        table = pd.DataFrame(rows, columns=columns)
+        return table.astype({column: dtype for column, dtype in DTYPES.items() if column in columns})
+
+    def towers(self) -> pd.DataFrame:
+        """One row per placement of every labelled plan: what came of it, and the columns of a tower file."""
+        nothing = Batch(self.domain.random_plans(1, 0, np.random.default_rng()), np.empty((0, 1), np.int8))
+        parts = [self._tower_table(batch) for batch in self._decoded() or [nothing]]
+        order = np.argsort(np.concatenate([part["tower"] for part in parts]), kind="stable")
+        return pd.concat(parts, ignore_index=True).iloc[order].reset_index(drop=True)
+
+    def _tower_table(self, batch: Batch) -> pd.DataFrame:
+        """The rows of plans of one length."""
+        table, towers = self.domain.table(batch.plans), batch.towers
+        row = table["tower"].to_numpy()
+
+        def repeated(values: list[Any], dtype: str) -> pd.Series:
+            return pd.Series(values, dtype=dtype).take(row).reset_index(drop=True)
+
+        labels = pd.Series(batch.labels.ravel(), dtype="Int8")
+        columns = {
+            "step": repeated([tower.step for tower in towers], "int64"),
+            "split": repeated([tower.split for tower in towers], "str"),
+            "score": repeated([np.nan if tower.score is None else tower.score for tower in towers], "float64"),
+            "label": labels.mask(labels == UNOBSERVED),
+            "note": repeated([tower.note for tower in towers], "string"),
+        }
+        for place, (name, values) in enumerate(columns.items(), start=2):
+            table.insert(place, name, values)
+        table["tower"] = np.array([tower.number for tower in towers], np.int64)[row]
+        return table
+
+    def export(self) -> None:
+        """Write towers.parquet, regret.parquet and accuracy.parquet, each replaced in one step."""
+        for name, table in (("towers", self.towers()), ("regret", self.regret()), ("accuracy", self.accuracy())):
+            write_table(table, self.directory / f"{name}.parquet")
+        self._exported = len(self._labelled)
