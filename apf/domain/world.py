@@ -8,7 +8,8 @@ from typing import Any, ClassVar
 import numpy as np
 import pandas as pd
 
-from apf.domain import UNOBSERVED
+from apf.domain.domain import Domain
+from apf.domain.plans import UNOBSERVED
 from apf.errors import InputError, Stopped
 from apf.interrupts import TimeLimitError, time_limit
 
