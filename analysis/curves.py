@@ -8,7 +8,7 @@ import pandas as pd
 from commands import finished_runs, one_line_errors, parser_of
 
 from apf.errors import InputError
-from apf.report.figures import save
+from apf.report.figures import Words, save
 from apf.report.runs import gather
 
 if TYPE_CHECKING:
@@ -16,24 +16,32 @@ if TYPE_CHECKING:
 
 
 def draw(
-    name: str, doc: str, curves_of: Callable[[pd.DataFrame], pd.DataFrame], plot: Callable[[pd.DataFrame], "Figure"]
+    name: str,
+    doc: str,
+    curves_of: Callable[[pd.DataFrame], pd.DataFrame],
+    plot: Callable[[pd.DataFrame, Words], "Figure"],
 ) -> None:
     """Draw the table `name` of all finished runs below the directories on the command line."""
     parser = parser_of(doc)
     parser.add_argument(
         "--out", type=Path, help=f"where to write: STEM.pdf, STEM.png, STEM.csv (default: {name} in the first DIR)"
     )
-    parser.add_argument("--until", type=int, metavar="TOWERS", help="leave out what came after so many labelled towers")
+    parser.add_argument("--until", type=int, metavar="PLANS", help="leave out what came after so many labelled plans")
     arguments = parser.parse_args()
     with one_line_errors():
-        curves = curves_of(gather(finished_runs(arguments.directories), name))
+        runs = finished_runs(arguments.directories)
+        curves = curves_of(gather(runs, name))
         if curves.empty:
-            raise InputError(f"the runs hold no {name}: their config asked for none, or no candidate tower could stand")
+            raise InputError(f"the runs hold no {name}: their config asked for none, or no candidate could succeed")
         if arguments.until is not None:
-            first, curves = curves["towers"].min(), curves[curves["towers"] <= arguments.until]
+            first, curves = curves["plans"].min(), curves[curves["plans"] <= arguments.until]
             if curves.empty:
-                raise InputError(f"--until {arguments.until}: the first evaluation came at {first} towers")
-        paths = save(plot(curves), curves, arguments.out or arguments.directories[0] / name)
-    groups = curves.groupby("group", sort=False)["runs"].max()
-    print("; ".join(f"{group}: {runs} run{'s' * (runs > 1)}" for group, runs in groups.items()))
+                raise InputError(f"--until {arguments.until}: the first evaluation came at {first} plans")
+        paths = save(
+            plot(curves, Words.common([run.words for run in runs])),
+            curves,
+            arguments.out or arguments.directories[0] / name,
+        )
+    counts = curves.groupby("group", sort=False)["runs"].max()
+    print("; ".join(f"{group}: {n} run{'s' * (n > 1)}" for group, n in counts.items()))
     print(*paths, sep="\n")

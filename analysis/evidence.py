@@ -43,7 +43,7 @@ class Evidence:
             if not tables:
                 continue
             counts[who] = len(tables)
-            by: Any = pd.concat(tables).groupby(["world", "task", "towers"])
+            by: Any = pd.concat(tables).groupby(["world", "task", "plans"])
             for (world, task, towers), part in by:
                 values, stood = (part.pivot(index="run", columns="problem", values=c) for c in ("regret", "feasible"))
                 problems = max(problems, values.shape[1])
@@ -54,7 +54,7 @@ class Evidence:
             if not tables:
                 continue
             counts[model] = len(tables)
-            by = pd.concat(tables).groupby(["length", "towers"])
+            by = pd.concat(tables).groupby(["length", "plans"])
             for (length, towers), part in by:
                 if len(part) == len(tables):
                     accuracy[model, int(length), int(towers)] = part["accuracy"].to_numpy()

@@ -1,4 +1,4 @@
-"""Accuracy of one or many runs: mean, least and greatest over runs, one panel for each tower length."""
+"""Accuracy of one or many runs: mean, least and greatest over runs, one panel for each length."""
 
 from curves import draw
 

@@ -1,6 +1,6 @@
-"""Regret and towers standing of one or many runs, at each evaluation or the last, as a table.
+"""Regret and success of one or many runs, at each evaluation or the last, as a table.
 
-python analysis/table_regret.py runs/strategies runs/predictors --out results/regret.csv --towers 200
+python analysis/table_regret.py runs/strategies runs/predictors --out results/regret.csv --plans 200
 """
 
 from pathlib import Path
@@ -18,11 +18,11 @@ WIDTH = 140
 
 
 def table_of(regret: pd.DataFrame) -> pd.DataFrame:
-    """One row for each group, world, task and number of towers: quartiles, mean, towers standing and chosen, runs.
+    """One row for each group, world, task and number of plans: quartiles, mean, plans that succeeded and all, runs.
 
     Regret is that of problems in which a candidate stands; standing and chosen count all problems.
     """
-    by = regret.groupby(["group", "world", "task", "towers"], sort=False)
+    by = regret.groupby(["group", "world", "task", "plans"], sort=False)
     table = by["regret"].quantile(np.array([0.25, 0.5, 0.75])).unstack().set_axis(["q25", "median", "q75"], axis=1)
     table["mean"] = by["regret"].mean()
     table["standing"] = by["feasible"].sum()
@@ -31,32 +31,32 @@ def table_of(regret: pd.DataFrame) -> pd.DataFrame:
     return table.reset_index()
 
 
-def at(table: pd.DataFrame, towers: int | None) -> pd.DataFrame:
-    """The rows of each group's last evaluation, or of the last with at most so many towers."""
-    if towers is not None:
-        table = table[table["towers"] <= towers]
-    return table[table["towers"] == table.groupby("group")["towers"].transform("max")]
+def at(table: pd.DataFrame, plans: int | None) -> pd.DataFrame:
+    """The rows of each group's last evaluation, or of the last with at most so many plans."""
+    if plans is not None:
+        table = table[table["plans"] <= plans]
+    return table[table["plans"] == table.groupby("group")["plans"].transform("max")]
 
 
 def main() -> None:
     """Write and show the table for the runs on the command line."""
     parser = parser_of(__doc__)
     parser.add_argument("--out", type=Path, help="CSV to write")
-    parser.add_argument("--towers", type=int, help="show each group's last evaluation with at most so many towers")
+    parser.add_argument("--plans", type=int, help="show each group's last evaluation with at most so many plans")
     arguments = parser.parse_args()
     with one_line_errors():
         table = table_of(gather(finished_runs(arguments.directories), "regret"))
-        shown = at(table, arguments.towers)
+        shown = at(table, arguments.plans)
         if shown.empty:
-            raise InputError("the runs hold no regret at so few towers")
+            raise InputError("the runs hold no regret at so few plans")
         if arguments.out:
             arguments.out.parent.mkdir(parents=True, exist_ok=True)
             table.to_csv(arguments.out, index=False, float_format="%.4f")
-    lines = Table("group", "towers", "world", "task", "median", "quartiles", "mean", "standing", "runs", box=None)
+    lines = Table("group", "plans", "world", "task", "median", "quartiles", "mean", "standing", "runs", box=None)
     for row in shown.to_dict("records"):
         quartiles = f"{row['q25']:.3f} to {row['q75']:.3f}"
         numbers = (f"{row['median']:.3f}", quartiles, f"{row['mean']:.3f}", f"{row['standing']} of {row['chosen']}")
-        lines.add_row(row["group"], str(row["towers"]), row["world"], row["task"], *numbers, str(row["runs"]))
+        lines.add_row(row["group"], str(row["plans"]), row["world"], row["task"], *numbers, str(row["runs"]))
     console(width=WIDTH).print(lines)
 
 

@@ -18,7 +18,7 @@ from apf.settings import Count, CountOrNone, Seconds, settings
 from apf.tracking import Figures, Phase, Tracker
 
 TRAIN, VALIDATION = "train", "validation"
-CHOOSING, FIRST, BUILDING, TRAINING = "choosing plans", "first towers", "building", "training"
+CHOOSING, FIRST, BUILDING, TRAINING = "choosing plans", "first plans", "building", "training"
 """Kinds of work, as trackers show them."""
 
 
@@ -34,7 +34,7 @@ class Initial:
 class Acquisition:
     """What each acquisition adds."""
 
-    towers: Count
+    plans: Count
     """Plans proposed and executed."""
     validation: CountOrNone
     """How many of them go to the validation set, drawn at random."""
@@ -52,11 +52,11 @@ class Execution:
 class Experiment:
     """One run: the parts that the config composed, and the loop that joins them.
 
-    towers: how many to label in all, the initial ones included. every: labelled plans between evaluations.
+    plans: how many to label in all, the initial ones included. every: labelled plans between evaluations.
     """
 
     seed: int
-    towers: int
+    plans: int
     every: int
     initial: Initial
     acquisition: Acquisition
@@ -70,15 +70,15 @@ class Experiment:
 
     @property
     def steps(self) -> int:
-        """Acquisitions that it takes to label all towers."""
-        return math.ceil((self.towers - self.initial.train - self.initial.validation) / self.acquisition.towers)
+        """Acquisitions that it takes to label all plans."""
+        return math.ceil((self.plans - self.initial.train - self.initial.validation) / self.acquisition.plans)
 
     def labelled_after(self, step: int) -> int:
         """Plans labelled when a step is over."""
-        return min(self.towers, self.initial.train + self.initial.validation + step * self.acquisition.towers)
+        return min(self.plans, self.initial.train + self.initial.validation + step * self.acquisition.plans)
 
     def run(self) -> None:
-        """Label, learn, evaluate, until all towers are labelled.
+        """Label, learn, evaluate, until all plans are labelled.
 
         What the store holds already is not done again: a run that was stopped goes on where it was, and as every
         draw has a stream of its own, it ends as if it had never stopped.
@@ -130,9 +130,9 @@ class Experiment:
             splits = [TRAIN] * len(train) + [VALIDATION] * len(validation)
             self.store.plan(step, train + validation, splits)
         else:
-            n = min(self.acquisition.towers, self.towers - self.store.count(until=step - 1))
+            n = min(self.acquisition.plans, self.plans - self.store.count(until=step - 1))
             proposed = self.sampler.propose(self.model, domain, self.store.labelled(), n, rng)
-            held_out = rng.permutation(n) < round(n * self.acquisition.validation / self.acquisition.towers)
+            held_out = rng.permutation(n) < round(n * self.acquisition.validation / self.acquisition.plans)
             self.store.plan(step, proposed, np.where(held_out, VALIDATION, TRAIN).tolist())
 
     def execute(self, step: int) -> None:
@@ -142,7 +142,7 @@ class Experiment:
             self.tracker.begin(step, BUILDING if step else FIRST, place, len(pending))
             rng = stream(self.seed, "world", number)
             world, before = (self.world.initial_world, None) if step == 0 else (self.world, self.store.last_report)
-            outcome = carry_out(world, plan, rng, self.execution.time_limit, f"tower {number}", before)
+            outcome = carry_out(world, plan, rng, self.execution.time_limit, f"plan {number}", before)
             self.store.record(number, outcome.labels, outcome.report)
         if pending:
             self.tracker.log(self.execution_figures(step))
@@ -161,9 +161,9 @@ class Experiment:
 
     def evaluate(self, step: int, predictor: Predictor) -> None:
         """Plan and test with the predictor; keep its weights if it has any."""
-        towers = self.store.count(until=step)
-        regret = self.evaluator.regret(predictor, step, towers)
-        accuracy = self.evaluator.accuracy(predictor, step, towers)
+        labelled = self.store.count(until=step)
+        regret = self.evaluator.regret(predictor, step, labelled)
+        accuracy = self.evaluator.accuracy(predictor, step, labelled)
         self.store.record_evaluation(
             step, regret, accuracy, predictor.save if isinstance(predictor, Ensemble) else None
         )
@@ -176,11 +176,11 @@ class Experiment:
         for step in range(self.steps + 1):
             if self.store.planned(step) and not self.store.pending(step):
                 history.append(self.execution_figures(step))
-            towers = self.store.count(until=step)
+            labelled = self.store.count(until=step)
             if losses := self.store.training(step):
-                history.append(Figures(step, Phase.LEARNED, towers, losses))
+                history.append(Figures(step, Phase.LEARNED, labelled, losses))
             if self.store.evaluated(step):
-                history.append(Figures(step, Phase.EVALUATED, towers, evaluations.get(step, {})))
+                history.append(Figures(step, Phase.EVALUATED, labelled, evaluations.get(step, {})))
         return history
 
     def execution_figures(self, step: int) -> Figures:
@@ -195,6 +195,6 @@ class Experiment:
         return Figures(step, Phase.EXECUTED, self.store.count(until=step), metrics)
 
     def evaluation_figures(self, step: int) -> Figures:
-        """Median regret and towers standing for each world and task, accuracy for each length."""
+        """Median regret and plans that succeeded for each world and task, accuracy for each length."""
         metrics = figures(self.store.regret(step), self.store.accuracy(step))
         return Figures(step, Phase.EVALUATED, self.store.count(until=step), metrics.get(step, {}))

@@ -60,13 +60,13 @@ def job(cfg: DictConfig) -> float | tuple[float, ...] | None:
     else:
         with locked(directory) as claim:
             try:
-                begin(directory, plain_config, config.domain)
+                begin(directory, plain_config, config.domain, config.task)
                 with resumable(directory):
                     run(directory, plain_config, config, model)
             except InputError:
-                claim.abandon()
+                claim.abandon(config.domain)
                 raise
-    value = returned(directory, config.objective, config.towers)
+    value = returned(directory, config.objective, config.plans)
     if optimised:
         must_be_number(value)
     return value
@@ -128,7 +128,7 @@ def make_experiment(config: Config, model: Ensemble, store: Store, tracker: Trac
     """The loop, with all its parts."""
     return Experiment(
         seed=config.seed,
-        towers=config.towers,
+        plans=config.plans,
         every=config.evaluation.every,
         initial=config.initial,
         acquisition=config.acquisition,

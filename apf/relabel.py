@@ -1,4 +1,4 @@
-"""python -m apf.relabel: what an operator saw of a tower differs from what was recorded."""
+"""python -m apf.relabel: what an operator saw of a plan differs from what was recorded."""
 
 import shlex
 import sys
@@ -10,15 +10,14 @@ from omegaconf import DictConfig, OmegaConf
 
 from apf.config.build import build
 from apf.config.values import config_dir
-from apf.domain import are_labels
+from apf.domain import Domain, are_labels
 from apf.errors import InputError
 from apf.launch.cli import one_line_errors, run_command
 from apf.rundir.claim import CONFIG, JOURNAL, STATE, locked
-from apf.rundir.directory import check_blocks, reopen
+from apf.rundir.directory import check_objects, reopen
 from apf.rundir.resume import as_literal, kept_config, shut_off
 from apf.rundir.store import VALUE, Store
 from apf.settings import CountOrNone, settings
-from apf.towers import TowerDomain
 
 
 @settings
@@ -26,7 +25,7 @@ class RelabelConfig:
     """What the command is given; the comments in `conf/relabel.yaml` say what for."""
 
     run: Path
-    tower: CountOrNone
+    plan: CountOrNone
     labels: str
     reason: str
 
@@ -35,7 +34,7 @@ class RelabelConfig:
 class KeptDomain:
     """What a correction needs of a run's config."""
 
-    domain: TowerDomain
+    domain: Domain
 
 
 @hydra.main(version_base="1.3", config_path=config_dir(), config_name="relabel")
@@ -51,26 +50,26 @@ def job(cfg: DictConfig) -> None:
     shut_off(config.run)
     with locked(config.run):
         domain = domain_of(config.run)
-        check_blocks(config.run, domain)
+        check_objects(config.run, domain)
         store = Store(config.run, domain)
         if store.journal.notice:
             print(store.journal.notice, file=sys.stderr)
         try:
-            old = store.tower(config.tower).labels or ""
+            old = store.proposal(config.plan).labels or ""
             new = checked(config.labels, len(old))
             if new == old:
-                raise InputError(f"labels={new}: tower {config.tower} has these labels already")
+                raise InputError(f"labels={new}: plan {config.plan} has these labels already")
             reopen(config.run)  # first: a kill in between must not leave a correction that a finished run ignores
-            store.correct(config.tower, new, config.reason)
+            store.correct(config.plan, new, config.reason)
             store.export()
         finally:
             store.close()
-    print(f"tower {config.tower}: {old} is now {new}")
+    print(f"plan {config.plan}: {old} is now {new}")
     print(f"learn again what depended on it: python -m apf.main resume={shlex.quote(str(config.run))}")
 
 
-def domain_of(run: Path) -> TowerDomain:
-    """The domain that a run directory's config describes, with the block sets that are kept there."""
+def domain_of(run: Path) -> Domain:
+    """The domain that a run directory's config describes, with the objects that are kept there."""
     kept = OmegaConf.create(as_literal({"domain": kept_config(run)["domain"]}))
     try:
         return build(kept, KeptDomain).domain.kept_in(run)

@@ -43,7 +43,7 @@ def resume_overhead(root: Path) -> tuple[float, float]:
     """Seconds until a run of 400 labelled towers goes on: of the command, and of all but its imports (medians of 3)."""
     folder = root / "overhead"
     folder.mkdir()
-    arguments = (*TINY, "towers=410", "initial.train=320", "initial.validation=80", "hydra.run.dir=run")
+    arguments = (*TINY, "plans=410", "initial.train=320", "initial.validation=80", "hydra.run.dir=run")
     run = Run(arguments, folder)
     while run.phases[-1][1] != "training" and run.listen(0.01):
         pass

@@ -28,15 +28,15 @@ from apf.towers import NoisyWorld, TowerDomain
 from benchmarks.forks import PHASES, Run
 
 TINY = (
-    *("tracker=none", "device=cpu", "towers=12", "initial.train=4", "initial.validation=4"),
-    *("acquisition.towers=2", "acquisition.validation=1", "training.updates=3"),
+    *("tracker=none", "device=cpu", "plans=12", "initial.train=4", "initial.validation=4"),
+    *("acquisition.plans=2", "acquisition.validation=1", "training.updates=3"),
     *("model.members=2", "model.network.hidden=8", "sampler.candidates.n=50", "planner.candidates=64"),
-    *("evaluation.every=1", "evaluation.problems=1", "evaluation.blocks=2"),
-    *("evaluation.lengths=[2]", "evaluation.test_towers=4"),
+    *("evaluation.every=1", "evaluation.problems=1", "evaluation.length=2"),
+    *("evaluation.lengths=[2]", "evaluation.test_plans=4"),
 )
 START = (*TINY, "hydra.run.dir=run")
 RESUME = ("resume=run",)
-KEPT = ("towers.parquet", "regret.parquet", "accuracy.parquet")
+KEPT = ("plans.parquet", "regret.parquet", "accuracy.parquet")
 
 
 @dataclass
@@ -377,7 +377,7 @@ def labels(run: Path) -> dict[int, str]:
         except ValueError:
             continue
         if record["kind"] == "label":
-            found[record["tower"]] = record["labels"]
+            found[record["plan"]] = record["labels"]
     return found
 
 

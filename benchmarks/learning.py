@@ -105,7 +105,7 @@ def check_training(ensemble: Ensemble, train: list[Examples], samples: plain_lea
 def acquisition(setting: Setting) -> Case:
     """Train to convergence, propose, label, record: one turn of the loop, done by the experiment itself."""
     sizes = setting.sizes
-    cfg, config = setting.config(f"towers={sizes.labelled + setting.default.acquisition.towers}")
+    cfg, config = setting.config(f"plans={sizes.labelled + setting.default.acquisition.plans}")
     ensemble = make_model(cfg, config)
 
     def prepared() -> Experiment:
@@ -129,7 +129,7 @@ def acquisition(setting: Setting) -> Case:
     )
     of_proposal = products_with_weights(
         ensemble.network,
-        lambda: config.sampler.propose(ensemble, config.domain, [], config.acquisition.towers, stream(SEED, "propose")),
+        lambda: config.sampler.propose(ensemble, config.domain, [], config.acquisition.plans, stream(SEED, "propose")),
     )
     e, plain_epochs = ensemble.members, plain_learning.EPOCHS
     return Case(
@@ -167,7 +167,7 @@ def plain_acquisition(setting: Setting, members: Sequence[nn.Module]) -> list[Ti
 
     def label_and_record() -> None:
         with tempfile.NamedTemporaryFile("w") as file:
-            for tower in towers[: config.towers]:
+            for tower in towers[: config.plans]:
                 outcome = plain.prefix_labels(plain.displaced(tower, noise, rng))
                 json.dump({"tower": [asdict(block) for block in tower], "labels": outcome}, file)
 

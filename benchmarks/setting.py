@@ -152,7 +152,7 @@ def reset(ensemble: Ensemble) -> None:
 def validation_share(config: Config, towers: int) -> float:
     """The share of the towers labelled so far that a run keeps for validation."""
     first = config.initial.train + config.initial.validation
-    of_acquired = config.acquisition.validation / config.acquisition.towers
+    of_acquired = config.acquisition.validation / config.acquisition.plans
     return (config.initial.validation + max(towers - first, 0) * of_acquired) / max(towers, first)
 
 

@@ -18,7 +18,7 @@ from apf.launch.composing import Composer
 FIXED = ["tracker=none", "hydra.sweep.dir=runs/x"]
 VALUES = {
     "seed": ["0", "7", "-1", "null", "abc", "1e3", "${towers}"],
-    "towers": ["100", "200"],
+    "plans": ["100", "200"],
     "sampler": ["greedy", "sequential", "complete"],
     "world": ["noisy", "analytic"],
     "world.sd": ["0.1", "0.2"],

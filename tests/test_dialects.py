@@ -36,8 +36,8 @@ def text_of(table, separator=",", comma=False, newline="\n", quoting=csv.QUOTE_M
 def held(batches):
     """All that was read, bit for bit, as something to compare."""
     return [
-        (b.names, b.order, b.towers.blocks.name, b.towers.block.tolist(), b.towers.rotation.tolist(),
-         *(a.tobytes() for a in (b.towers.xy, b.towers.dims, b.towers.com, b.towers.mass)))
+        (b.names, b.order, b.plans.blocks.name, b.plans.block.tolist(), b.plans.rotation.tolist(),
+         *(a.tobytes() for a in (b.plans.xy, b.plans.dims, b.plans.com, b.plans.mass)))
         for b in batches
     ]  # fmt: skip
 
@@ -120,7 +120,7 @@ def test_encodings(written, encoding, separator):
     table = good_towers().replace({"block": {"a": "Würfel", "b": "積み木"}})
     text = text_of(table, separator, newline="\r\n")
     path = written("\ufeff" + text if encoding == "utf-16-be" else text, encoding)
-    assert read_towers(path)[1].towers.blocks.name == ("Würfel", "積み木", "c")
+    assert read_towers(path)[1].plans.blocks.name == ("Würfel", "積み木", "c")
 
 
 BAD = {
@@ -447,8 +447,8 @@ def check_damaged(path, content):
         warnings.simplefilter("error")
         try:
             for batch in read_towers(path):
-                assert np.isfinite(batch.towers.xy).all()
-                assert (batch.towers.mass > 0).all()
+                assert np.isfinite(batch.plans.xy).all()
+                assert (batch.plans.mass > 0).all()
         except InputError as error:
             assert str(error).startswith(str(path))
             assert str(error).isprintable()

@@ -34,7 +34,7 @@ def disk(tmp_path: Path) -> Iterator[Disk]:
 def towers(journal: bytes) -> list[int]:
     """Those labelled in the lines of a journal."""
     records = [json.loads(line) for line in journal.splitlines()]
-    return [record["tower"] for record in records if record["kind"] == "label"]
+    return [record["plan"] for record in records if record["kind"] == "label"]
 
 
 def test_the_disk_of_these_tests_forgets(disk: Disk, tmp_path: Path) -> None:

@@ -28,7 +28,7 @@ class Oracle(Predictor):
 @pytest.fixture
 def evaluator(domain: TowerDomain) -> Evaluator:
     settings = EvaluationSettings(
-        every=10, problems=0, blocks=3, lengths=[2, 3], test_towers=40, seed=0, worlds={"analytic": AnalyticWorld()}
+        every=10, problems=0, blocks=3, lengths=[2, 3], test_plans=40, seed=0, worlds={"analytic": AnalyticWorld()}
     )
     return Evaluator(settings, domain, MonteCarloPlanner(candidates=10), {})
 
@@ -46,7 +46,7 @@ def evaluator(domain: TowerDomain) -> Evaluator:
 def test_accuracy_asks_for_the_right_side_of_one_half_and_auc_for_the_right_order(
     evaluator: Evaluator, says: Callable[[np.ndarray], np.ndarray], accuracy: float, auc: float
 ) -> None:
-    table = evaluator.accuracy(Oracle(says), step=3, towers=70)
+    table = evaluator.accuracy(Oracle(says), step=3, labelled=70)
     assert table["length"].tolist() == [2, 3]
     assert table["accuracy"].tolist() == [accuracy] * 2
     assert table["auc"].tolist() == [auc] * 2
@@ -122,7 +122,7 @@ CANDIDATES = 300
 
 
 def settings_with(**others: Any) -> EvaluationSettings:
-    given = {"every": 10, "problems": 2, "blocks": 3, "lengths": [2], "test_towers": 4, "seed": 5}
+    given = {"every": 10, "problems": 2, "blocks": 3, "lengths": [2], "test_plans": 4, "seed": 5}
     return EvaluationSettings(**{**given, "worlds": {"analytic": AnalyticWorld()}, **others})
 
 
@@ -152,7 +152,7 @@ class TestRegret:
     def test_who_knows_what_stands_regrets_nothing_where_it_stands(self, domain: TowerDomain) -> None:
         worlds = {"analytic": AnalyticWorld(), "falls": Falls()}
         evaluator, said = evaluator_with(domain, worlds=worlds)
-        table = evaluator.regret(Says(lambda plans: stands(plans).astype(float)), step=3, towers=70)
+        table = evaluator.regret(Says(lambda plans: stands(plans).astype(float)), step=3, labelled=70)
         assert table.columns.tolist() == REGRET_COLUMNS
         assert said == [(3, "planning", 1, 2), (3, "planning", 2, 2)]
         expected = []
@@ -168,7 +168,7 @@ class TestRegret:
 
     def test_who_believes_in_every_tower_gets_nothing_for_those_that_fall(self, domain: TowerDomain) -> None:
         evaluator, _ = evaluator_with(domain, problems=5)
-        table = evaluator.regret(Says(lambda plans: np.ones(len(plans))), step=0, towers=0)
+        table = evaluator.regret(Says(lambda plans: np.ones(len(plans))), step=0, labelled=0)
         tallest = table[table["task"] == "tallest"]
         for number, row in zip(range(5), tallest.itertuples(), strict=True):
             candidates = problem(domain, number)
@@ -190,7 +190,7 @@ class TestRegret:
             return stands(plans) & (TASKS["overhang"].value(plans) <= second)
 
         evaluator, _ = evaluator_with(domain, {"overhang": TASKS["overhang"]}, problems=1)
-        (row,) = evaluator.regret(Says(all_but_the_best), step=0, towers=0).itertuples()
+        (row,) = evaluator.regret(Says(all_but_the_best), step=0, labelled=0).itertuples()
         best = values[standing].max()
         assert row.value == second
         assert row.best_value == best
@@ -199,13 +199,13 @@ class TestRegret:
 
     def test_where_nothing_is_worth_anything_there_is_no_regret(self, domain: TowerDomain) -> None:
         evaluator, _ = evaluator_with(domain, {"worthless": Worthless()})
-        table = evaluator.regret(Says(stands), step=0, towers=0)
+        table = evaluator.regret(Says(stands), step=0, labelled=0)
         assert table["regret"].isna().tolist() == [True, True]
         assert table["best_value"].tolist() == [0.0, 0.0]
 
     def test_where_nothing_stands_there_is_no_regret(self, domain: TowerDomain) -> None:
         evaluator, _ = evaluator_with(domain, candidates=1, problems=10)
-        table = evaluator.regret(Says(lambda plans: np.ones(len(plans))), step=0, towers=0)
+        table = evaluator.regret(Says(lambda plans: np.ones(len(plans))), step=0, labelled=0)
         stood = [bool(stands(problem(domain, number, 1))[0]) for number in range(10)]
         assert table["regret"].notna().tolist() == [value for value in stood for _ in TASKS]
         assert table["best_value"].gt(0).tolist() == [value for value in stood for _ in TASKS]
@@ -217,7 +217,7 @@ class TestRegret:
             worlds = {"one": Falls(), "other": Falls()}
             predictor = Draws()
             evaluator, _ = evaluator_with(domain, worlds=worlds)
-            evaluator.regret(predictor, step=step, towers=70)
+            evaluator.regret(predictor, step=step, labelled=70)
             drawn.append([*predictor.drew, *worlds["one"].drew, *worlds["other"].drew])
             assert all(len(tower) == 1 for world in worlds.values() for tower in world.tried)
         purposes = [stream(5, "predictor", 3, number) for number in range(2)]
@@ -230,31 +230,31 @@ class TestRegret:
     def test_what_stands_is_worked_out_once_for_each_problem(self, domain: TowerDomain) -> None:
         counting = Counting(domain)
         evaluator, _ = evaluator_with(counting)
-        tables = [evaluator.regret(Says(stands), step=step, towers=0) for step in (0, 1)]
+        tables = [evaluator.regret(Says(stands), step=step, labelled=0) for step in (0, 1)]
         assert counting.judged == 2
         assert tables[0]["best_value"].tolist() == tables[1]["best_value"].tolist()
 
     def test_a_tower_that_takes_too_long_ends_it(self, domain: TowerDomain) -> None:
         evaluator, _ = evaluator_with(domain, limit=0.05, worlds={"slow": Slow()})
         with pytest.raises(Stopped, match=r"the tower chosen for tallest in problem 0 took longer .*0\.05 s"):
-            evaluator.regret(Says(stands), step=0, towers=0)
+            evaluator.regret(Says(stands), step=0, labelled=0)
 
     def test_without_problems_there_are_no_rows(self, domain: TowerDomain) -> None:
         evaluator, _ = evaluator_with(domain, problems=0)
-        table = evaluator.regret(Says(stands), step=0, towers=0)
+        table = evaluator.regret(Says(stands), step=0, labelled=0)
         assert (len(table), table.columns.tolist()) == (0, REGRET_COLUMNS)
 
 
 class TestAccuracy:
     def test_a_chance_of_one_half_is_no_yes(self, evaluator: Evaluator) -> None:
-        table = evaluator.accuracy(Says(lambda plans: np.full(len(plans), 0.5)), step=3, towers=70)
+        table = evaluator.accuracy(Says(lambda plans: np.full(len(plans), 0.5)), step=3, labelled=70)
         assert table["accuracy"].tolist() == [0.5, 0.5]
-        table = evaluator.accuracy(Says(lambda plans: np.where(stands(plans), 0.5, 0.0)), step=3, towers=70)
+        table = evaluator.accuracy(Says(lambda plans: np.where(stands(plans), 0.5, 0.0)), step=3, labelled=70)
         assert table["accuracy"].tolist() == [0.5, 0.5]
 
     def test_test_sets_are_balanced_of_evaluation_blocks_and_always_the_same(self, domain: TowerDomain) -> None:
-        evaluator, said = evaluator_with(domain, lengths=[2, 4], test_towers=20)
-        table = evaluator.accuracy(Says(stands), step=3, towers=70)
+        evaluator, said = evaluator_with(domain, lengths=[2, 4], test_plans=20)
+        table = evaluator.accuracy(Says(stands), step=3, labelled=70)
         assert table.columns.tolist() == ACCURACY_COLUMNS
         assert table.to_numpy().tolist() == [[3, 70, 2, 1.0, 1.0, 20], [3, 70, 4, 1.0, 1.0, 20]]
         assert said == [(3, "testing", 1, 2), (3, "testing", 2, 2)]
@@ -267,23 +267,23 @@ class TestAccuracy:
             np.testing.assert_array_equal(plans.xy, expected.xy)
             again, _ = evaluator.test_set(length)
             assert again is plans, "drawn once"
-            others = evaluator_with(domain, lengths=[2, 4], test_towers=20)[0].test_set(length)
+            others = evaluator_with(domain, lengths=[2, 4], test_plans=20)[0].test_set(length)
             np.testing.assert_array_equal(others[0].xy, plans.xy)
-            different = evaluator_with(domain, test_towers=20, seed=6)[0].test_set(length)
+            different = evaluator_with(domain, test_plans=20, seed=6)[0].test_set(length)
             assert not np.array_equal(different[0].xy, plans.xy)
 
     def test_every_draw_is_its_own(self, domain: TowerDomain) -> None:
         predictor = Draws()
         evaluator, _ = evaluator_with(domain, lengths=[2, 3])
         for step in (0, 1, 1):
-            evaluator.accuracy(predictor, step=step, towers=0)
+            evaluator.accuracy(predictor, step=step, labelled=0)
         purposes = [stream(5, "accuracy", step, length) for step in (0, 1) for length in (2, 3)]
         assert predictor.drew[:4] == [rng.random() for rng in purposes]
         assert predictor.drew[2:4] == predictor.drew[4:]
 
     def test_without_test_towers_there_are_no_rows(self, domain: TowerDomain) -> None:
-        evaluator, said = evaluator_with(domain, test_towers=0)
-        table = evaluator.accuracy(Says(stands), step=0, towers=0)
+        evaluator, said = evaluator_with(domain, test_plans=0)
+        table = evaluator.accuracy(Says(stands), step=0, labelled=0)
         assert (len(table), table.columns.tolist(), said) == (0, ACCURACY_COLUMNS, [])
 
 
@@ -294,18 +294,18 @@ class TestAccuracy:
         {"problems": -1},
         {"blocks": 1},
         {"lengths": [2, 1]},
-        {"test_towers": 3},
-        {"test_towers": -2},
+        {"test_plans": 3},
+        {"test_plans": -2},
         {"seed": -1},
         {"worlds": {}},
     ],
 )
 def test_wrong_settings_are_refused(wrong: dict[str, Any]) -> None:
-    settings_with(every=1, problems=0, blocks=2, lengths=[2, 3], test_towers=0, seed=0)
+    settings_with(every=1, problems=0, blocks=2, lengths=[2, 3], test_plans=0, seed=0)
     with pytest.raises(ValidationError, match=next(iter(wrong))):
         settings_with(**wrong)
 
 
 def test_odd_numbers_of_test_towers_say_why() -> None:
     with pytest.raises(ValidationError, match="must be even: half of the towers are feasible"):
-        settings_with(test_towers=5)
+        settings_with(test_plans=5)

@@ -107,10 +107,10 @@ def test_memory_is_given_back_after_a_training(setting: Setting) -> None:
 @pytest.mark.parametrize("model", MODELS)
 def test_a_run_begins_there_and_goes_on_elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, model: str) -> None:
     monkeypatch.chdir(tmp_path)
-    call(*TINY, f"model={model}", "towers=10", "hydra.run.dir=run").must_work()
-    before = {name: pd.read_parquet(f"run/{name}.parquet") for name in ("towers", "regret", "accuracy")}
-    call("resume=run", "towers=12", "device=cpu").must_work()
-    call("resume=run", "towers=14", "device=cuda").must_work()
+    call(*TINY, f"model={model}", "plans=10", "hydra.run.dir=run").must_work()
+    before = {name: pd.read_parquet(f"run/{name}.parquet") for name in ("plans", "regret", "accuracy")}
+    call("resume=run", "plans=12", "device=cpu").must_work()
+    call("resume=run", "plans=14", "device=cuda").must_work()
     for name, table in before.items():
         after = pd.read_parquet(f"run/{name}.parquet")
         pd.testing.assert_frame_equal(after[after["step"] < 2].reset_index(drop=True), table)

@@ -70,7 +70,7 @@ def experiment(store: Store, towers: int) -> Experiment:
         towers=towers,
         every=100,
         initial=Initial(train=INITIAL // 2, validation=INITIAL // 2),
-        acquisition=Acquisition(towers=EACH, validation=2),
+        acquisition=Acquisition(plans=EACH, validation=2),
         execution=Execution(time_limit=None),
         sampler=nothing,
         world=AnalyticWorld(),
@@ -85,7 +85,7 @@ def plain_table(store: Store, domain: TowerDomain, towers: int) -> pd.DataFrame:
     """What `Store.towers` must be, one tower after another."""
     parts = []
     for number in range(towers):
-        tower = store.tower(number)
+        tower = store.proposal(number)
         part = domain.table(domain.decode([tower.plan]))
         part["tower"] = number
         part.insert(2, "step", tower.step)
@@ -108,17 +108,17 @@ def test_the_table_of_towers_is_what_one_tower_after_another_gives(
     grow(store, domain, 40, every=20, reports=reports)
     store.labelled()  # what was decoded before a correction, or before more labels, must not stay
     for number in corrected:
-        store.correct(number, "0".ljust(len(store.tower(number).labels or ""), "-"), "seen")
-    pd.testing.assert_frame_equal(store.towers(), plain_table(store, domain, 40), check_exact=True)
+        store.correct(number, "0".ljust(len(store.proposal(number).labels or ""), "-"), "seen")
+    pd.testing.assert_frame_equal(store.plans(), plain_table(store, domain, 40), check_exact=True)
     again = Store(tmp_path, domain)
-    pd.testing.assert_frame_equal(again.towers(), store.towers(), check_exact=True)
+    pd.testing.assert_frame_equal(again.plans(), store.plans(), check_exact=True)
     if corrected:
-        assert set(store.towers()["note"].dropna()) >= {"corrected", "chosen before a correction"}
+        assert set(store.plans()["note"].dropna()) >= {"corrected", "chosen before a correction"}
     grow_one = domain.random_plans(5, 1, np.random.default_rng(0))
     store.plan(9, [Scored(grow_one, 0.5)], ["train"])
-    pd.testing.assert_frame_equal(store.towers(), plain_table(store, domain, 40), check_exact=True)
+    pd.testing.assert_frame_equal(store.plans(), plain_table(store, domain, 40), check_exact=True)
     store.record(40, np.array([1, 1, 1, 0, -1]))
-    pd.testing.assert_frame_equal(store.towers(), plain_table(store, domain, 41), check_exact=True)
+    pd.testing.assert_frame_equal(store.plans(), plain_table(store, domain, 41), check_exact=True)
 
 
 def test_an_empty_table_of_towers_has_the_types_of_a_full_one(tmp_path: Path, domain: TowerDomain) -> None:
@@ -126,8 +126,8 @@ def test_an_empty_table_of_towers_has_the_types_of_a_full_one(tmp_path: Path, do
         (tmp_path / name).mkdir()
     empty, full = Store(tmp_path / "empty", domain), Store(tmp_path / "full", domain)
     grow(full, domain, 20, every=20)
-    assert len(empty.towers()) == 0
-    pd.testing.assert_frame_equal(empty.towers(), full.towers()[:0])
+    assert len(empty.plans()) == 0
+    pd.testing.assert_frame_equal(empty.plans(), full.plans()[:0])
 
 
 @pytest.mark.usefixtures("quick_disk")
@@ -136,7 +136,7 @@ def test_labelled_plans_are_the_oldest_first_and_of_the_split_and_steps_asked_fo
 ) -> None:
     store = Store(tmp_path, domain)
     grow(store, domain, 60, every=60)
-    towers = [store.tower(number) for number in range(60)]
+    towers = [store.proposal(number) for number in range(60)]
     for split in (None, "train", "validation"):
         for until in (None, 0, 2):
             kept = [t for t in towers if split in (None, t.split) and (until is None or t.step <= until)]
@@ -160,7 +160,7 @@ def test_labels_that_come_out_of_order(tmp_path: Path, domain: TowerDomain) -> N
     assert domain.encode(group.plans) == [domain.encode(plan)[0] for plan in plans]
     assert group.labels.tolist() == [[1, 0], [1, 1], [1, 0], [1, 1]]
     assert store.last_report == {"left": 2}
-    assert store.towers()["tower"].tolist() == [0, 0, 1, 1, 2, 2, 3, 3]
+    assert store.plans()["tower"].tolist() == [0, 0, 1, 1, 2, 2, 3, 3]
 
 
 @pytest.mark.usefixtures("quick_disk")
@@ -169,7 +169,7 @@ def test_the_history_is_what_was_told_step_by_step(tmp_path: Path, domain: Tower
     grow(store, domain, 60, every=20)
     whole = experiment(store, 60)
     history = whole.history()
-    assert [(f.step, int(f.phase), f.towers) for f in history] == [
+    assert [(f.step, int(f.phase), f.plans) for f in history] == [
         (step, phase, 20 + 10 * step) for step in range(5) for phase in ((0, 1, 2) if step % 2 == 0 else (0, 1))
     ]
     for figures in history:
@@ -197,7 +197,7 @@ def test_what_is_written_stays_in_proportion_to_the_run(
     )
     store = Store(tmp_path, domain)
     grow(store, domain, 600, every=10)
-    for name, table in (("towers", store.towers()), ("regret", store.regret()), ("accuracy", store.accuracy())):
+    for name, table in (("plans", store.plans()), ("regret", store.regret()), ("accuracy", store.accuracy())):
         assert sum(written[name]) < 12 * len(table), "30 times, if every evaluation wrote it"
         assert 1 <= len(table) / written[name][-1] < 1.15, "it is about a tenth behind at most"
 

@@ -30,7 +30,7 @@ def read(path: Path) -> list[dict]:
 
 def test_what_was_appended_is_read_back(path: Path) -> None:
     records = read(path)
-    assert [(r["kind"], r["tower"], r["labels"], r["ratio"]) for r in records] == [
+    assert [(r["kind"], r["plan"], r["labels"], r["ratio"]) for r in records] == [
         ("label", number, "10-", 0.1 + number) for number in range(3)
     ]
     lines = [json.loads(line) for line in path.read_text().splitlines()]
@@ -67,7 +67,7 @@ def test_after_a_torn_end_the_next_record_is_whole(path: Path) -> None:
     assert "torn" in str(journal.notice) and "journal.torn-1.jsonl" in str(journal.notice)
     journal.append("label", tower=7)
     journal.close()
-    assert [record["tower"] for record in read(path)] == [0, 1, 7]
+    assert [record["plan"] for record in read(path)] == [0, 1, 7]
     assert Journal(path).notice is None
 
 
@@ -266,7 +266,7 @@ def test_a_record_that_cannot_be_written_leaves_the_file_as_it_was(path: Path, m
     assert path.read_bytes() == before
     journal.append("label", tower=4)
     journal.close()
-    assert [record["tower"] for record in read(path)] == [0, 1, 2, 4]
+    assert [record["plan"] for record in read(path)] == [0, 1, 2, 4]
 
 
 def test_a_record_that_cannot_be_taken_back_is_the_last(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -286,7 +286,7 @@ def test_a_record_that_cannot_be_taken_back_is_the_last(path: Path, monkeypatch:
     with pytest.raises(Stopped, match="cannot be written"):
         journal.append("label", tower=4)
     journal.close()
-    assert [record["tower"] for record in read(path)] == [0, 1, 2, 3]
+    assert [record["plan"] for record in read(path)] == [0, 1, 2, 3]
 
 
 def test_seconds_add_up_over_all_starts(path: Path) -> None:

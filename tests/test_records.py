@@ -61,9 +61,9 @@ def test_records_before_one_that_cannot_be_written_stay(path: Path, monkeypatch:
             full.setattr(os, "write", torn)
             journal.append("label", tower=9)
         assert path.read_bytes() == before
-        assert [record["tower"] for record in journal.records] == list(range(number + 1))
+        assert [record["plan"] for record in journal.records] == list(range(number + 1))
     journal.close()
-    assert [record["tower"] for record in read(path)] == [0, 1, 2, 3, 4]
+    assert [record["plan"] for record in read(path)] == [0, 1, 2, 3, 4]
 
 
 def test_text_is_kept_as_it_is_written(path: Path) -> None:

@@ -37,35 +37,35 @@ def plans(**changes: Any) -> dict[str, Any]:
 EVALUATION = {"step": 1, "regret": [[0] * len(REGRET_COLUMNS)], "accuracy": [[0] * len(ACCURACY_COLUMNS)]}
 
 WRONG = {
-    "an unknown kind": ("dream", {"tower": 0}, "records of kind 'dream' are unknown"),
-    "labels too few": ("label", {"tower": 0, "labels": "11"}, "labels are '11'; tower 0 takes 3 characters"),
-    "labels too many": ("label", {"tower": 0, "labels": "1111"}, "tower 0 takes 3 characters"),
-    "labels that rise again": ("label", {"tower": 0, "labels": "101"}, "labels are '101'"),
-    "labels unobserved, and none fell": ("label", {"tower": 0, "labels": "11-"}, "labels are '11-'"),
-    "labels after the fall": ("label", {"tower": 0, "labels": "100"}, "labels are '100'"),
-    "labels of another sort": ("label", {"tower": 0, "labels": "1x1"}, "labels are '1x1'"),
-    "labels no text": ("label", {"tower": 0, "labels": [1, 1, 1]}, "labels are [1, 1, 1]"),
-    "labels of the wrong digits": ("label", {"tower": 0, "labels": "1\u06611"}, "tower 0 takes 3"),
-    "no labels": ("label", {"tower": 0}, "labels is missing"),
-    "a tower that was never proposed": ("label", {"tower": 3, "labels": "11"}, "tower 3 was not proposed before"),
-    "a tower counted from the end": ("label", {"tower": -1, "labels": "11"}, "tower is -1"),
-    "a tower that is no number": ("label", {"tower": True, "labels": "111"}, "tower is True"),
-    "a second label": ("label", {"tower": 2, "labels": "11"}, "tower 2 has labels already"),
-    "a report that is none": ("label", {"tower": 0, "labels": "111", "report": "fine"}, "report is no mapping"),
+    "an unknown kind": ("dream", {"plan": 0}, "records of kind 'dream' are unknown"),
+    "labels too few": ("label", {"plan": 0, "labels": "11"}, "labels are '11'; plan 0 takes 3 characters"),
+    "labels too many": ("label", {"plan": 0, "labels": "1111"}, "plan 0 takes 3 characters"),
+    "labels that rise again": ("label", {"plan": 0, "labels": "101"}, "labels are '101'"),
+    "labels unobserved, and none fell": ("label", {"plan": 0, "labels": "11-"}, "labels are '11-'"),
+    "labels after the fall": ("label", {"plan": 0, "labels": "100"}, "labels are '100'"),
+    "labels of another sort": ("label", {"plan": 0, "labels": "1x1"}, "labels are '1x1'"),
+    "labels no text": ("label", {"plan": 0, "labels": [1, 1, 1]}, "labels are [1, 1, 1]"),
+    "labels of the wrong digits": ("label", {"plan": 0, "labels": "1\u06611"}, "plan 0 takes 3"),
+    "no labels": ("label", {"plan": 0}, "labels is missing"),
+    "a tower that was never proposed": ("label", {"plan": 3, "labels": "11"}, "plan 3 was not proposed before"),
+    "a tower counted from the end": ("label", {"plan": -1, "labels": "11"}, "plan is -1"),
+    "a tower that is no number": ("label", {"plan": True, "labels": "111"}, "plan is True"),
+    "a second label": ("label", {"plan": 2, "labels": "11"}, "plan 2 has labels already"),
+    "a report that is none": ("label", {"plan": 0, "labels": "111", "report": "fine"}, "report is no mapping"),
     "a correction of nothing": (
         "correction",
-        {"tower": 0, "old": None, "labels": "111", "reason": ""},
-        "tower 0 has labels None before",
+        {"plan": 0, "old": None, "labels": "111", "reason": ""},
+        "plan 0 has labels None before",
     ),
     "a correction of something else": (
         "correction",
-        {"tower": 2, "old": "11", "labels": "0-", "reason": ""},
-        "tower 2 has labels 10 before, and not 11",
+        {"plan": 2, "old": "11", "labels": "0-", "reason": ""},
+        "plan 2 has labels 10 before, and not 11",
     ),
     "a correction of the wrong length": (
         "correction",
-        {"tower": 2, "old": "10", "labels": "111", "reason": ""},
-        "tower 2 takes 2 characters",
+        {"plan": 2, "old": "10", "labels": "111", "reason": ""},
+        "plan 2 takes 2 characters",
     ),
     "plans that are none": ("plans", {"step": 1, "plans": {"plan": PLAN}}, "plans are no list"),
     "a plan with more in it": ("plans", plans(colour="red"), "a plan is not split, score and plan"),
@@ -116,7 +116,7 @@ def test_what_can_be_is_read_back(store: Store) -> None:
     store._append("evaluation", **EVALUATION, weights=None)
     store.close()
     again = Store(store.directory, store.domain)
-    assert [again.tower(number).labels for number in range(3)] == ["111", "10-", "10"]
+    assert [again.proposal(number).labels for number in range(3)] == ["111", "10-", "10"]
     assert again.training(0) == {"loss/train": 0.5}
     assert again.evaluated(1)
     assert len(Journal(store.journal.path).records) == len(store.journal.path.read_text().splitlines()) - 1 == 8

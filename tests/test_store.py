@@ -17,7 +17,7 @@ from apf.rundir.store import Store
 from apf.towers import TowerDomain
 
 NAN = float("nan")
-TABLES = ("towers", "regret", "accuracy")
+TABLES = ("plans", "regret", "accuracy")
 
 
 @pytest.fixture
@@ -118,8 +118,8 @@ def state(store: Store) -> dict[str, Any]:
         "reports": [store.reports(), store.last_report],
         "training": [store.training(step) for step in range(3)],
         "evaluated": [store.evaluated(step) for step in range(3)],
-        "tables": [table.to_csv() for table in (store.towers(), store.regret(), store.accuracy())],
-        "types": [table.dtypes.astype(str).tolist() for table in (store.towers(), store.regret(), store.accuracy())],
+        "tables": [table.to_csv() for table in (store.plans(), store.regret(), store.accuracy())],
+        "types": [table.dtypes.astype(str).tolist() for table in (store.plans(), store.regret(), store.accuracy())],
     }
 
 
@@ -237,7 +237,7 @@ class TestReports:
 
 class TestOneTower:
     def test_what_is_known_of_it(self, filled: Store) -> None:
-        tower = filled.tower(2)
+        tower = filled.proposal(2)
         assert (tower.number, tower.step, tower.split, tower.score) == (2, 1, "validation", 0.5)
         assert (tower.labels, tower.report, tower.corrected, tower.outdated, tower.note) == (
             "10-",
@@ -246,36 +246,36 @@ class TestOneTower:
             False,
             None,
         )
-        assert filled.tower(0).score is None
-        assert filled.tower(0).labels == "10"
+        assert filled.proposal(0).score is None
+        assert filled.proposal(0).labels == "10"
 
     @pytest.mark.parametrize("number", [-1, 4, 5])
     def test_only_of_those_that_have_labels(self, filled: Store, number: int) -> None:
         with pytest.raises(InputError, match=rf"^tower is {number}; towers 0 to 3 have labels in .*run$"):
-            filled.tower(number)
+            filled.proposal(number)
 
     def test_numbers_are_not_counted_from_the_end(self, filled: Store) -> None:
         filled.record(4, np.array([1, 1, 1]))
-        assert filled.tower(4).labels == "111"
-        with pytest.raises(InputError, match=r"^tower is -1; towers 0 to 4 have labels"):
-            filled.tower(-1)
+        assert filled.proposal(4).labels == "111"
+        with pytest.raises(InputError, match=r"^plan is -1; towers 0 to 4 have labels"):
+            filled.proposal(-1)
 
     def test_of_none(self, store: Store) -> None:
         with pytest.raises(InputError, match=r"^tower is 0; none has labels in .*run$"):
-            store.tower(0)
+            store.proposal(0)
 
 
 class TestCorrections:
     def test_the_new_labels_count_and_the_old_are_kept(self, filled: Store) -> None:
         filled.correct(0, "11", "seen on the video")
         assert filled.corrections == 1
-        assert filled.tower(0).labels == "11"
+        assert filled.proposal(0).labels == "11"
         assert filled.executed(0)[0].tolist() == [True, True]
         assert filled.labelled("train", until=0)[0].labels.tolist() == [[1, 1]]
         last = filled.journal.records[-1]
-        assert {key: last[key] for key in ("kind", "tower", "old", "labels", "reason")} == {
+        assert {key: last[key] for key in ("kind", "plan", "old", "labels", "reason")} == {
             "kind": "correction",
-            "tower": 0,
+            "plan": 0,
             "old": "10",
             "labels": "11",
             "reason": "seen on the video",
@@ -286,7 +286,7 @@ class TestCorrections:
         for number, labels in ((4, [1, 0, -1]), (5, [1, 1]), (6, [1, 1])):
             filled.record(number, np.array(labels))
         filled.correct(3, "10", "misread")
-        assert [filled.tower(number).note for number in range(7)] == [
+        assert [filled.proposal(number).note for number in range(7)] == [
             None,
             None,
             None,
@@ -297,7 +297,7 @@ class TestCorrections:
         ]
         filled.correct(0, "11", "misread")
         filled.correct(2, "110", "misread")
-        assert [filled.tower(number).note for number in range(7)] == [
+        assert [filled.proposal(number).note for number in range(7)] == [
             "corrected",
             None,
             "corrected; chosen before a correction",
@@ -412,11 +412,11 @@ class TestEvaluations:
             if evaluated:
                 evaluate(store, 0)
             types = store.regret().dtypes
-            assert all(types[name] == "int64" for name in ("step", "towers", "problem"))
+            assert all(types[name] == "int64" for name in ("step", "plans", "problem"))
             assert all(types[name] == "float64" for name in ("value", "best_value", "regret"))
             assert types["feasible"] == "bool"
             types = store.accuracy().dtypes
-            assert all(types[name] == "int64" for name in ("step", "towers", "length", "n"))
+            assert all(types[name] == "int64" for name in ("step", "plans", "length", "n"))
             assert all(types[name] == "float64" for name in ("accuracy", "auc"))
             assert len(store.regret()) == 2 * evaluated
 
@@ -428,13 +428,13 @@ class TestEvaluations:
     def test_tables_are_written_with_each_evaluation(self, filled: Store) -> None:
         assert not any((filled.directory / f"{name}.parquet").exists() for name in TABLES)
         evaluate(filled, 1)
-        for name, table in zip(TABLES, (filled.towers(), filled.regret(), filled.accuracy()), strict=True):
+        for name, table in zip(TABLES, (filled.plans(), filled.regret(), filled.accuracy()), strict=True):
             assert len(table)
             pd.testing.assert_frame_equal(pd.read_parquet(filled.directory / f"{name}.parquet"), table)
 
     def test_tables_are_written_when_asked_for(self, filled: Store) -> None:
         filled.export()
-        assert len(pd.read_parquet(filled.directory / "towers.parquet")) == 10
+        assert len(pd.read_parquet(filled.directory / "plans.parquet")) == 10
         for name in ("regret", "accuracy"):
             assert len(pd.read_parquet(filled.directory / f"{name}.parquet")) == 0
 
@@ -442,7 +442,7 @@ class TestEvaluations:
 class TestTowersTable:
     def test_one_row_for_every_placement_of_every_labelled_plan(self, filled: Store, plans: list[Scored]) -> None:
         filled.correct(0, "11", "misread")
-        table = filled.towers()
+        table = filled.plans()
         assert table.columns[:7].tolist() == ["tower", "position", "step", "split", "score", "label", "note"]
         rows = table.iloc[:, :7].astype(object).where(table.iloc[:, :7].notna(), None).to_numpy().tolist()
         assert rows == [
@@ -461,18 +461,18 @@ class TestTowersTable:
         assert (str(table["label"].dtype), str(table["note"].dtype), table["score"].dtype) == ("Int8", "string", float)
 
     def test_its_other_columns_are_those_of_a_tower_file(self, filled: Store, plans: list[Scored]) -> None:
-        table = filled.towers()
+        table = filled.plans()
         own = [filled.domain.table(plans[number].plan) for number in range(4)]
         expected = pd.concat(own, ignore_index=True).drop(columns=["tower", "position"])
         pd.testing.assert_frame_equal(table.iloc[:, 7:], expected)
 
     def test_without_labels_it_has_the_same_columns_and_no_rows(self, store: Store, plans: list[Scored]) -> None:
-        empty = store.towers()
+        empty = store.plans()
         assert len(empty) == 0
         store.plan(0, plans[:1], ["train"])
-        assert len(store.towers()) == 0
+        assert len(store.plans()) == 0
         store.record(0, np.array([1, 0]))
-        assert store.towers().columns.tolist() == empty.columns.tolist()
+        assert store.plans().columns.tolist() == empty.columns.tolist()
 
 
 class TestOpening:
@@ -519,9 +519,9 @@ class TestOpening:
     @pytest.mark.parametrize(
         ("kind", "content"),
         [
-            ("label", {"tower": 9, "labels": "11"}),
-            ("label", {"tower": 4}),
-            ("correction", {"tower": 9, "old": "10", "labels": "11", "reason": ""}),
+            ("label", {"plan": 9, "labels": "11"}),
+            ("label", {"plan": 4}),
+            ("correction", {"plan": 9, "old": "10", "labels": "11", "reason": ""}),
             ("plans", {"step": 3, "plans": [{"colour": "red"}]}),
         ],
     )

@@ -128,11 +128,11 @@ class TestRoundTrip:
         for order, (towers, n) in enumerate(originals):
             batch, m = read[order]
             assert str(batch.names[m]) == str(order)
-            assert batch.towers.xy[m].tobytes() == towers.xy[n].tobytes()
-            np.testing.assert_array_equal(batch.towers.rotation[m], towers.rotation[n])
+            assert batch.plans.xy[m].tobytes() == towers.xy[n].tobytes()
+            np.testing.assert_array_equal(batch.plans.rotation[m], towers.rotation[n])
             for field in ("dims", "com", "mass", "z"):
-                np.testing.assert_array_equal(getattr(batch.towers, field)[m], getattr(towers, field)[n])
-            held = [batch.towers.blocks.name[b] for b in batch.towers.block[m]]
+                np.testing.assert_array_equal(getattr(batch.plans, field)[m], getattr(towers, field)[n])
+            held = [batch.plans.blocks.name[b] for b in batch.plans.block[m]]
             assert held == [blocks.name[b] for b in towers.block[n]]
 
     @pytest.mark.parametrize("ending", ENDINGS)
@@ -142,7 +142,7 @@ class TestRoundTrip:
         (batch,) = read_towers(tmp_path / f"t.{ending}")
         assert batch.order == (0, 1, 2, 3)
         assert [str(name) for name in batch.names] == ["0", "1", "2", "3"]
-        assert batch.towers.xy.tobytes() == towers.xy.tobytes()
+        assert batch.plans.xy.tobytes() == towers.xy.tobytes()
 
     @pytest.mark.parametrize("name", ["01", "1.0", "1e3", "007", "NA", "nan", "null", "None", "True", "-", "a b"])
     @pytest.mark.parametrize("ending", ENDINGS)
@@ -156,7 +156,7 @@ class TestRoundTrip:
         towers = Towers(two, np.array([[0, 1]]), np.array([[0, 0]]), np.zeros((1, 2, 2)))
         write_towers(towers, tmp_path / "towers.csv")
         (batch,) = read_towers(tmp_path / "towers.csv")
-        assert batch.towers.blocks.name == ("1", "01")
+        assert batch.plans.blocks.name == ("1", "01")
 
     def test_units_stand_in_the_header(self, tmp_path, blocks):
         write_blocks(blocks, tmp_path / "b.csv", units=True)
@@ -167,7 +167,7 @@ class TestRoundTrip:
         # the tower of `good_towers` named 1: z of the three centres 0.05, 0.13, 0.185
         save(good_towers().iloc[2:], tmp_path / "in.csv")
         (batch,) = read_towers(tmp_path / "in.csv")
-        write_towers(batch.towers, tmp_path / "out.csv")
+        write_towers(batch.plans, tmp_path / "out.csv")
         out = pd.read_csv(tmp_path / "out.csv")
         assert out.columns.tolist() == TOWER_COLUMNS
         np.testing.assert_allclose(out["z"], [0.05, 0.13, 0.185])
@@ -186,19 +186,19 @@ class TestReading:
         assert blocks.mass.tolist() == [0.5, 0.25]
 
         two, three = read_towers(save(good_towers(), tmp_path / f"towers.{ending}"))
-        assert (str(two.names[0]), two.order, two.towers.length) == ("0", (0,), 2)
-        assert (str(three.names[0]), three.order, three.towers.length) == ("1", (1,), 3)
-        np.testing.assert_array_equal(two.towers.xy, [[[0, 0], [0.02, 0.01]]])
-        np.testing.assert_allclose(three.towers.z, [[0.05, 0.13, 0.185]])
-        np.testing.assert_allclose(three.towers.dims[0, 0], [0.06, 0.12, 0.1])
+        assert (str(two.names[0]), two.order, two.plans.length) == ("0", (0,), 2)
+        assert (str(three.names[0]), three.order, three.plans.length) == ("1", (1,), 3)
+        np.testing.assert_array_equal(two.plans.xy, [[[0, 0], [0.02, 0.01]]])
+        np.testing.assert_allclose(three.plans.z, [[0.05, 0.13, 0.185]])
+        np.testing.assert_allclose(three.plans.dims[0, 0], [0.06, 0.12, 0.1])
 
     def test_order_of_columns_and_rows_and_further_columns_do_not_matter(self, tmp_path):
         table = good_towers()
         table["remark"] = "mine"
         table = table[table.columns[::-1]].iloc[[4, 1, 2, 0, 3]]
         by_name = {int(b.names[0]): b for b in read_towers(save(table, tmp_path / "t.csv"))}
-        np.testing.assert_array_equal(by_name[0].towers.xy, [[[0, 0], [0.02, 0.01]]])
-        np.testing.assert_array_equal(by_name[1].towers.xy, [[[0.5, 0.5], [0.52, 0.5], [0.5, 0.5]]])
+        np.testing.assert_array_equal(by_name[0].plans.xy, [[[0, 0], [0.02, 0.01]]])
+        np.testing.assert_array_equal(by_name[1].plans.xy, [[[0.5, 0.5], [0.52, 0.5], [0.5, 0.5]]])
         assert by_name[1].order == (0,)
         assert by_name[0].order == (1,)
 
@@ -210,7 +210,7 @@ class TestReading:
     def test_tower_names_of_digits_stay_apart(self, tmp_path):
         table = good_towers()
         table["tower"] = ["1"] * 2 + ["01"] * 3
-        assert [b.towers.length for b in read_towers(save(table, tmp_path / "t.csv"))] == [2, 3]
+        assert [b.plans.length for b in read_towers(save(table, tmp_path / "t.csv"))] == [2, 3]
 
     @pytest.mark.parametrize(
         "header",
@@ -398,7 +398,7 @@ class TestBadFiles:
         refused(read, tmp_path / f"none.{ending}", "no such file")
 
 
-@pytest.mark.parametrize("name", ["towers.txt", "towers", "towers.csv.gz", "towers.pickle"])
+@pytest.mark.parametrize("name", ["towers.txt", "plans", "towers.csv.gz", "towers.pickle"])
 def test_another_ending_is_refused(tmp_path, blocks, name):
     path = tmp_path / name
     path.write_text("block\n")

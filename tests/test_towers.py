@@ -288,4 +288,4 @@ class TestTowerDomain:
         with pytest.raises(InputError, match=r"^sampler: .*7 blocks.*domain\.training has 6"):
             domain.check_length(7, "sampler")
         with pytest.raises(InputError, match=r"^evaluation\.blocks: .*domain\.evaluation has 6"):
-            domain.check_length(7, "evaluation.blocks", evaluation=True)
+            domain.check_length(7, "evaluation.length", evaluation=True)

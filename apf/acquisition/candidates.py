@@ -119,7 +119,7 @@ class GreedyExtensions(Candidates):
 class FeasiblePrefixExtensions(Candidates):
     """One random placement on top of a prefix that was seen to stand: (a_1..a_n-1, phi = 1) in D.
 
-    A single placement stands by assumption, so new towers can begin. Each length gets the same share of the `n`
+    A single placement succeeds by assumption, so new plans can begin. Each length gets the same share of the `n`
     candidates, as far as the data hold prefixes of it.
     """
 

@@ -12,14 +12,13 @@ from apf.acquisition import Sampler
 from apf.config.build import build
 from apf.config.messages import describe
 from apf.config.values import plain, understood
-from apf.domain import Predictor, Task, World
+from apf.domain import Domain, Predictor, Task, World
 from apf.errors import InputError
 from apf.experiment import Acquisition, Execution, Initial
 from apf.models import EnsembleSettings, Training
 from apf.planning import EvaluationSettings, MonteCarloPlanner
 from apf.planning.objective import Objective, check_objective
 from apf.settings import Count, Few, Name, Number, Seed, settings
-from apf.towers import BlockSet, TowerDomain
 from apf.tracking import Tracker
 
 
@@ -36,13 +35,13 @@ class Config:
     """Every setting of a run. The comments in `conf/config.yaml` say what each is for."""
 
     seed: Seed
-    towers: Count
+    plans: Count
     initial: Initial
     acquisition: Acquisition
     execution: Execution
     training: Training
     evaluation: EvaluationSettings
-    domain: TowerDomain
+    domain: Domain
     model: EnsembleSettings
     sampler: Sampler
     world: World
@@ -66,7 +65,7 @@ def settle(cfg: DictConfig, kept: Path | None = None) -> tuple[dict[str, Any], C
 
     Args:
         cfg: What Hydra composed.
-        kept: A run directory whose block sets are to be used, whatever the config says of them.
+        kept: A run directory whose objects of plans are to be used, whatever the config says of them.
 
     Raises:
         InputError: Something is unknown or wrong; it names the key.
@@ -90,14 +89,14 @@ def with_values(config: Config, values: dict[str, Any], cfg: DictConfig) -> Conf
 def check_together(config: Config) -> None:
     """Raises InputError, naming the key, if parts that are right by themselves do not fit each other."""
     if not config.task:
-        raise InputError("task: none is chosen; choose at least one of tallest, overhang, unsupported")
+        raise InputError("task: none is chosen; choose at least one")
     first = config.initial.train + config.initial.validation
-    if config.towers < first:
-        raise InputError(f"towers is {config.towers}; it must be at least the {first} initial ones (initial.*)")
-    if config.acquisition.validation >= config.acquisition.towers:
+    if config.plans < first:
+        raise InputError(f"plans is {config.plans}; it must be at least the {first} initial ones (initial.*)")
+    if config.acquisition.validation >= config.acquisition.plans:
         raise InputError(
             f"acquisition.validation is {config.acquisition.validation}; it must be less than "
-            f"acquisition.towers, {config.acquisition.towers}"
+            f"acquisition.plans, {config.acquisition.plans}"
         )
     plans = config.initial.train + (0 if config.training.early_stopping else config.initial.validation)
     if config.training.learning_rate * config.training.weight_decay >= plans:
@@ -106,18 +105,32 @@ def check_together(config: Config) -> None:
             f"than the {plans} plans that are trained on first, or no weight is left"
         )
     config.domain.check_length(config.sampler.max_length, "sampler")
-    config.domain.check_length(config.evaluation.blocks, "evaluation.blocks", evaluation=True)
-    _check_world("world", config.world, config.domain.training_blocks, config.sampler.max_length)
+    config.domain.check_length(config.evaluation.length, "evaluation.length", evaluation=True)
+    _check_domain(config)
+    _check_world("world", config.world, config.domain, config.sampler.max_length)
     for name, world in config.evaluation.worlds.items():
-        key = f"evaluation.worlds.{name}"
-        _check_world(key, world, config.domain.evaluation_blocks, config.evaluation.blocks)
+        _check_world(f"evaluation.worlds.{name}", world, config.domain, config.evaluation.length, evaluation=True)
     for length in config.evaluation.lengths:
         config.domain.check_length(length, "evaluation.lengths", evaluation=True)
     check_objective(config.objective, config.evaluation, config.task)
 
 
-def _check_world(key: str, world: World, blocks: BlockSet, length: int) -> None:
+def _check_domain(config: Config) -> None:
+    """Raises InputError, naming the key, for a part that is for the plans of another domain."""
+    parts: dict[str, World | Task | Predictor | Learned] = {"world": config.world, "predictor": config.predictor}
+    parts |= {f"evaluation.worlds.{name}": world for name, world in config.evaluation.worlds.items()}
+    parts |= {f"task.{name}": task for name, task in config.task.items()}
+    for key, part in parts.items():
+        domain = getattr(part, "for_domain", None)
+        if domain is not None and not isinstance(config.domain, domain):
+            raise InputError(
+                f"{key} is {type(part).__name__}, which is for {domain.__name__}; domain is "
+                f"{type(config.domain).__name__}: choose another of the group {key.split('.')[0]}, or another domain"
+            )
+
+
+def _check_world(key: str, world: World, domain: Domain, length: int, evaluation: bool = False) -> None:
     try:
-        world.check(blocks, length)
+        world.check(domain, length, evaluation)
     except InputError as error:
         raise InputError(f"{key}: {error}") from None

@@ -15,7 +15,7 @@ from omegaconf import DictConfig, OmegaConf
 
 NO_EFFECT = ("tracker", "device", "threads", "sweep", "execution", "objective")
 """Keys that may differ between two runs that are the same run."""
-LENGTH = "towers"
+LENGTH = "plans"
 """How far a run goes: it may be made longer."""
 
 

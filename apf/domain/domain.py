@@ -41,7 +41,7 @@ class Domain(ABC):
     n_position: ClassVar[int]
     """D: how many of them, the last ones, are its position."""
     plan_word: ClassVar[str] = "plan"
-    """What a plan is called in figures, e.g. tower."""
+    """What a plan is called in tables and figures, e.g. tower."""
     object_word: ClassVar[str] = "placement"
     """What is placed, e.g. block."""
     object_files: ClassVar[tuple[str, ...]] = ()
@@ -97,9 +97,9 @@ class Domain(ABC):
 
     @abstractmethod
     def problem(self, length: int, candidates: int, rng: np.random.Generator) -> Any:
-        """A planning problem: so many random plans of `length` placements, of some objects of the evaluation.
+        """A planning problem: so many random plans of `length` placements.
 
-        The objects of a problem are drawn first; all of its plans use all of them.
+        The objects of the evaluation that the problem is about are drawn first: all of its plans are made of these.
         """
 
     @abstractmethod
@@ -122,8 +122,9 @@ class Domain(ABC):
 
     @abstractmethod
     def table(self, plans: Any) -> pd.DataFrame:
-        """[N x K rows] one row per placement, plan by plan: `plan` (from 0), `position` (from 0), and what the domain's
-        files say of a placement.
+        """[N x K rows] one row per placement, plan by plan, in the columns of the domain's files.
+
+        The first column, named `plan_word`, counts plans from 0, the second, `position`, placements from 0.
         """
 
     @abstractmethod

@@ -11,7 +11,7 @@ from apf.domain.domain import Domain
 class Predictor(ABC):
     """Anything that answers P(feasible) of a batch of plans."""
 
-    domain: ClassVar[type[Domain] | None] = None
+    for_domain: ClassVar[type[Domain] | None] = None
     """Whose plans it judges; None: any domain's."""
 
     by_prefix: bool = False

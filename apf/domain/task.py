@@ -11,10 +11,10 @@ from apf.domain.domain import Domain
 class Task(ABC):
     """An objective function V(a) of the evaluation phase."""
 
-    domain: ClassVar[type[Domain] | None] = None
+    for_domain: ClassVar[type[Domain] | None] = None
     """Whose plans it values; None: any domain's."""
 
-    title: str = ""
+    title: ClassVar[str] = ""
     """For figures, e.g. Tallest tower; by default its name in the config."""
 
     unit: str

@@ -25,7 +25,7 @@ class Outcome:
 class World(ABC):
     """Where plans are executed."""
 
-    domain: ClassVar[type[Domain] | None] = None
+    for_domain: ClassVar[type[Domain] | None] = None
     """Whose plans it can execute; None: any domain's."""
 
     @abstractmethod

@@ -47,11 +47,11 @@ def check_machine(config: Config) -> None:
     answers = PLACEMENT + ANSWER * config.model.members
     longest = max(config.evaluation.lengths, default=0)
     for key, plans, length, each in (
-        ("planner.candidates", config.planner.candidates, config.evaluation.blocks, PLACEMENT),
+        ("planner.candidates", config.planner.candidates, config.evaluation.length, PLACEMENT),
         ("sampler.candidates.n", getattr(config.sampler.candidates, "n", 0), config.sampler.max_length, answers),
-        ("evaluation.test_towers", config.evaluation.test_towers, longest, answers),
+        ("evaluation.test_plans", config.evaluation.test_plans, longest, answers),
     ):
-        _check_memory(f"{key} is {plans}; towers of {length} blocks", plans * length * each, memory())
+        _check_memory(f"{key} is {plans}; plans of {length} placements", plans * length * each, memory())
 
 
 def check_weights(settings: EnsembleSettings, domain: Domain, device: torch.device) -> None:

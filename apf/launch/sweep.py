@@ -43,7 +43,7 @@ AGAIN = "the same command again does what is missing"
 class Job:
     """One run of a sweep. state: empty until it is known what came of it. reason: of a failure.
 
-    value: of the objective, once the run has finished with as many towers.
+    value: of the objective, once the run has finished with as many plans.
     """
 
     overrides: list[str]
@@ -53,7 +53,7 @@ class Job:
     state: str = ""
     reason: str = ""
     objective: Objective = ()
-    towers: int = 0
+    plans: int = 0
     value: float | tuple[float, ...] | None = None
 
     @property
@@ -132,7 +132,7 @@ class Sweep:
             parts = self.validated(config, values)
             if self.engine is None:
                 check_machine(parts)
-            job.objective, job.towers = parts.objective, parts.towers
+            job.objective, job.plans = parts.objective, parts.plans
             if check(directory, understood(values, parts), parts.domain):
                 job.state = "already finished"
         except MISTAKES as error:
@@ -218,7 +218,7 @@ class Sweep:
             if job.failed:
                 continue
             try:
-                job.value = returned(job.directory, job.objective, job.towers)
+                job.value = returned(job.directory, job.objective, job.plans)
                 if self.optimised:
                     must_be_number(job.value)
             except (Stopped, OSError) as error:

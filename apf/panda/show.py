@@ -55,7 +55,7 @@ def job(cfg: DictConfig) -> None:
 
 def tower_of(path: Path, number: int) -> Towers:
     """The tower of that place in a tower file, counted from 0. Raises InputError if there is none."""
-    places = {order: batch.towers[i : i + 1] for batch in read_towers(path) for i, order in enumerate(batch.order)}
+    places = {order: batch.plans[i : i + 1] for batch in read_towers(path) for i, order in enumerate(batch.order)}
     if number not in places:
         raise InputError(f"number={number}: {path} holds {len(places)} towers, counted from 0")
     return places[number]

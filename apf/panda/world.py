@@ -25,13 +25,14 @@ from apf.panda.robot import Robot
 from apf.panda.settings import Handling, Help, Judging, Recovery, Sight
 from apf.panda.stations import Reach
 from apf.settings import settings
-from apf.towers import BlockSet, Towers
+from apf.towers import BlockSet, TowerDomain, Towers
 
 
 @settings
 class PandaWorld(World):
     """A Panda builds each tower, judges each prefix, and clears up; see `conf/world/panda.yaml`."""
 
+    for_domain = TowerDomain
     hold: Literal["friction", "constraint"] = "friction"
     """How the gripper holds a block: by friction, or also tied to the hand while the gripper is closed."""
     interventions: Help = Help.AUTO
@@ -58,8 +59,9 @@ class PandaWorld(World):
         """Where an experiment labels its first towers: the paper's were labelled in a noisy simulation."""
         return self.initial or self
 
-    def check(self, blocks: BlockSet, length: int) -> None:
+    def check(self, domain: TowerDomain, length: int, evaluation: bool = False) -> None:
         """Raises InputError, naming block and limit, if the robot cannot build with the blocks, or not so high."""
+        blocks = domain.evaluation_blocks if evaluation else domain.training_blocks
         check_blocks(blocks, self.gripper, self.layout)
         tallest = np.sort(blocks.dims.max(1))[::-1][:length].sum()
         check_height(float(tallest), self.layout, self.reach)

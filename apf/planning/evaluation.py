@@ -1,20 +1,19 @@
 """How good is a predictor? Regret on planning problems, accuracy on balanced test sets (Section Evaluation)."""
 
 from collections.abc import Callable, Iterator, Mapping
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import pandas as pd
 from pydantic import AfterValidator, Field
 
-from apf.domain import Predictor, Task, World, carry_out
+from apf.domain import Domain, Predictor, Task, World, carry_out
 from apf.planning.planner import MonteCarloPlanner
 from apf.rng import stream
 from apf.settings import Count, CountOrNone, Length, Seed, settings
-from apf.towers import TowerDomain, Towers
 
-REGRET_COLUMNS = ["step", "towers", "task", "problem", "world", "value", "best_value", "regret", "feasible"]
-ACCURACY_COLUMNS = ["step", "towers", "length", "accuracy", "auc", "n"]
+REGRET_COLUMNS = ["step", "plans", "task", "problem", "world", "value", "best_value", "regret", "feasible"]
+ACCURACY_COLUMNS = ["step", "plans", "length", "accuracy", "auc", "n"]
 
 PLANNING, TESTING = "planning", "testing"
 """Kinds of work, as trackers show them."""
@@ -22,7 +21,7 @@ PLANNING, TESTING = "planning", "testing"
 
 def _even(n: int) -> int:
     if n % 2:
-        raise ValueError("must be even: half of the towers are feasible")
+        raise ValueError("must be even: half of the plans are feasible")
     return n
 
 
@@ -41,24 +40,24 @@ class EvaluationSettings:
     """Labelled plans between two evaluations; the last step is always evaluated."""
     problems: CountOrNone
     """Planning problems, the same for each task."""
-    blocks: Length
-    """Blocks of a problem; a plan uses all of them."""
+    length: Length
+    """Placements of a plan of a problem."""
     lengths: Annotated[list[Length], AfterValidator(_each_once)]
-    """Tower lengths to report accuracy for."""
-    test_towers: Annotated[CountOrNone, AfterValidator(_even)]
-    """Towers of each length, half of them feasible."""
+    """Lengths of plans to report accuracy for."""
+    test_plans: Annotated[CountOrNone, AfterValidator(_even)]
+    """Plans of each length, half of them feasible."""
     seed: Seed
     worlds: Annotated[dict[str, World], Field(min_length=1)]
-    """Where a chosen tower is executed for its reward, each by a name of its own."""
+    """Where a chosen plan is executed for its reward, each by a name of its own."""
 
 
 class Evaluator:
-    """Evaluates predictors, always on the same problems and the same test towers."""
+    """Evaluates predictors, always on the same problems and the same test plans."""
 
     def __init__(
         self,
         settings: EvaluationSettings,
-        domain: TowerDomain,
+        domain: Domain,
         planner: MonteCarloPlanner,
         tasks: Mapping[str, Task],
         on_progress: Callable[[int, str, int, int], None] = lambda step, kind, number, of: None,
@@ -71,18 +70,18 @@ class Evaluator:
         self.settings, self.domain, self.planner, self.tasks = settings, domain, planner, tasks
         self.on_progress, self.time_limit = on_progress, time_limit
         self._best_values: dict[int, dict[str, float]] = {}
-        self._test_sets: dict[int, tuple[Towers, np.ndarray]] = {}
+        self._test_sets: dict[int, tuple[Any, np.ndarray]] = {}
 
     def work(self) -> dict[str, int]:
         """The units of each kind of work of one evaluation."""
-        lengths = len(self.settings.lengths) if self.settings.test_towers else 0
+        lengths = len(self.settings.lengths) if self.settings.test_plans else 0
         return {PLANNING: self.settings.problems, TESTING: lengths}
 
-    def regret(self, predictor: Predictor, step: int, towers: int) -> pd.DataFrame:
-        """[problems x tasks x worlds rows, REGRET_COLUMNS]: the planned tower, executed once in each world.
+    def regret(self, predictor: Predictor, step: int, labelled: int) -> pd.DataFrame:
+        """[problems x tasks x worlds rows, REGRET_COLUMNS]: the plan that is chosen, executed once in each world.
 
-        Normalised regret is (best_value - reward) / best_value: the reward is the chosen tower's value if it stands
-        and 0 if it falls; best_value is the largest value of a candidate that stands without noise. It is NaN
+        Normalised regret is (best_value - reward) / best_value: the reward is the chosen plan's value if it succeeds
+        and 0 if it fails; best_value is the largest value of a candidate that succeeds without noise. It is NaN
         where no candidate does.
         """
         rows = []
@@ -93,48 +92,48 @@ class Evaluator:
             for number, (name, task) in enumerate(self.tasks.items()):
                 choice = self.planner.plan(task, pool)
                 chosen = candidates[choice.index : choice.index + 1]
-                what = f"the tower chosen for {name} in problem {problem}"
+                what = f"the plan chosen for {name} in problem {problem}"
                 for world_name, world in self.settings.worlds.items():
                     rng = stream(self.settings.seed, f"reward in {world_name}", step, problem, number)
                     outcome = carry_out(world, chosen, rng, self.time_limit, what)
                     feasible = bool((outcome.labels == 1).all())
                     reward = choice.value if feasible else 0.0
                     regret = (best[name] - reward) / best[name] if best[name] > 0 else np.nan
-                    rows.append((step, towers, name, problem, world_name, choice.value, best[name], regret, feasible))
+                    rows.append((step, labelled, name, problem, world_name, choice.value, best[name], regret, feasible))
         return pd.DataFrame(rows, columns=REGRET_COLUMNS)
 
-    def accuracy(self, predictor: Predictor, step: int, towers: int) -> pd.DataFrame:
-        """[lengths rows, ACCURACY_COLUMNS]: share of test towers that the predictor calls right at P > 1/2.
+    def accuracy(self, predictor: Predictor, step: int, labelled: int) -> pd.DataFrame:
+        """[lengths rows, ACCURACY_COLUMNS]: share of test plans that the predictor calls right at P > 1/2.
 
-        auc: the chance that it gives a tower that stands a higher probability than one that does not, which no choice
+        auc: the chance that it gives a plan that succeeds a higher probability than one that does not, which no choice
         of threshold touches.
         """
         rows = []
-        lengths = self.settings.lengths if self.settings.test_towers else []
+        lengths = self.settings.lengths if self.settings.test_plans else []
         for number, length in enumerate(lengths, 1):
             self.on_progress(step, TESTING, number, len(lengths))
             plans, labels = self.test_set(length)
             rng = stream(self.settings.seed, "accuracy", step, length)
             probability = predictor.feasibility(plans, rng)
             right = (probability > 0.5) == labels
-            rows.append((step, towers, length, right.mean(), _auc(probability, labels), len(plans)))
+            rows.append((step, labelled, length, right.mean(), _auc(probability, labels), len(plans)))
         return pd.DataFrame(rows, columns=ACCURACY_COLUMNS)
 
-    def test_set(self, length: int) -> tuple[Towers, np.ndarray]:
-        """Balanced towers of the evaluation blocks, and their labels [N]; the same for every predictor and step."""
+    def test_set(self, length: int) -> tuple[Any, np.ndarray]:
+        """Balanced plans and their labels [N] bool; the same for every predictor and step."""
         if length not in self._test_sets:
             rng = stream(self.settings.seed, "test set", length)
-            self._test_sets[length] = self.domain.balanced(length, self.settings.test_towers, rng)
+            self._test_sets[length] = self.domain.balanced(length, self.settings.test_plans, rng)
         return self._test_sets[length]
 
-    def _problems(self) -> Iterator[tuple[int, Towers]]:
+    def _problems(self) -> Iterator[tuple[int, Any]]:
         """Drawn afresh each time: that takes less than keeping them would cost in memory."""
         for problem in range(self.settings.problems):
             rng = stream(self.settings.seed, "problem", problem)
-            yield problem, self.domain.problem(self.settings.blocks, self.planner.candidates, rng)
+            yield problem, self.domain.problem(self.settings.length, self.planner.candidates, rng)
 
-    def _best(self, problem: int, candidates: Towers) -> dict[str, float]:
-        """For each task, the largest value of a candidate that stands; 0 if none does."""
+    def _best(self, problem: int, candidates: Any) -> dict[str, float]:
+        """For each task, the largest value of a candidate that succeeds; 0 if none does."""
         if problem not in self._best_values:
             standing = candidates[self.domain.feasible(candidates)]
             self._best_values[problem] = {

@@ -29,7 +29,7 @@ Objective = Annotated[tuple[str, ...], BeforeValidator(_listed)]
 
 
 def figures(regret: pd.DataFrame, accuracy: pd.DataFrame) -> dict[int, dict[str, float]]:
-    """By step: median regret and share of towers standing for each world and task, accuracy for each length.
+    """By step: median regret and share of plans that succeeded for each world and task, accuracy for each length.
 
     regret, accuracy: rows of the tables of these names, of one or more evaluations.
     """
@@ -47,7 +47,7 @@ def figures(regret: pd.DataFrame, accuracy: pd.DataFrame) -> dict[int, dict[str,
 def names_of(evaluation: EvaluationSettings, tasks: Iterable[str]) -> list[str]:
     """The names that `figures` has for evaluations of these settings."""
     where = [f"{world}/{task}" for world in sorted(evaluation.worlds) for task in tasks] if evaluation.problems else []
-    lengths = evaluation.lengths if evaluation.test_towers else []
+    lengths = evaluation.lengths if evaluation.test_plans else []
     kinds = [f"{kind}/{name}" for kind in ("regret", "standing") for name in where]
     return kinds + [f"accuracy/{length}" for length in lengths]
 
@@ -72,16 +72,16 @@ def optimises(hydra: Any, objective: object) -> bool:
     return asks
 
 
-def returned(directory: Path, objective: Objective, towers: int) -> float | tuple[float, ...] | None:
+def returned(directory: Path, objective: Objective, plans: int) -> float | tuple[float, ...] | None:
     """The objective of the finished run in the directory; None, a number, or one for each of several names.
 
-    It is that of the last evaluation at no more than `towers` labelled towers: the run may have gone on since. NaN
-    stands for a figure that this run does not have: regret, where no candidate of any problem stands.
+    It is that of the last evaluation at no more than `plans` labelled plans: the run may have gone on since. NaN
+    stands for a figure that this run does not have: regret, where no candidate of any problem succeeds.
     """
     if not objective:
         return None
     regret, accuracy = (pd.read_parquet(directory / f"{name}.parquet") for name in ("regret", "accuracy"))
-    steps = [table["step"][table["towers"] <= towers] for table in (regret, accuracy)]
+    steps = [table["step"][table["plans"] <= plans] for table in (regret, accuracy)]
     last = pd.concat(steps).max()
     found = figures(regret[regret["step"] == last], accuracy[accuracy["step"] == last]).get(last, {})
     values = tuple(found.get(name, math.nan) for name in objective)
@@ -92,7 +92,7 @@ def must_be_number(value: float | tuple[float, ...] | None) -> None:
     """Raises Stopped for what no sweeper can compare."""
     values = value if isinstance(value, tuple) else (value,)
     if any(number is None or not math.isfinite(number) for number in values):
-        raise Stopped(f"its objective is {value}: no candidate of the problems stands")
+        raise Stopped(f"its objective is {value}: no candidate of the problems succeeds")
 
 
 @dataclass

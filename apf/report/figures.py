@@ -1,6 +1,7 @@
-"""Learning curves as figures of a paper: regret for each task, accuracy for each tower length."""
+"""Learning curves as figures of a paper: regret for each task, accuracy for each length."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,51 +12,72 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
 
-TITLES = {"tallest": "Tallest tower", "overhang": "Longest overhang", "unsupported": "Maximum unsupported area"}
 PANEL = (2.6, 2.3)
 """Width and height of one panel [inch]."""
 MARKERS = "os^DvX"
 """Of the groups in turn: some of their colours are close to each other."""
 
 
+@dataclass(frozen=True)
+class Words:
+    """How figures call things: a plan, what is placed, and each task, by its name."""
+
+    plan: str = "plan"
+    object: str = "placement"
+    titles: Mapping[str, str] = field(default_factory=dict)
+
+    @staticmethod
+    def common(words: Sequence["Words"]) -> "Words":
+        """The words that all of these share, general ones in place of others; the titles of all."""
+        plans, objects = {w.plan for w in words}, {w.object for w in words}
+        titles = {name: title for w in words for name, title in w.titles.items()}
+        same = {"plan": plans, "object": objects}
+        return Words(**{name: found.pop() for name, found in same.items() if len(found) == 1}, titles=titles)
+
+
 def regret_curves(regret: pd.DataFrame) -> pd.DataFrame:
-    """Median and quartiles over problems and runs: group, world, task, towers, median, q25, q75, runs, problems."""
-    by = regret.dropna(subset=["regret"]).groupby(["group", "world", "task", "towers"], sort=False)
+    """Median and quartiles over problems and runs: group, world, task, plans, median, q25, q75, runs, problems."""
+    by = regret.dropna(subset=["regret"]).groupby(["group", "world", "task", "plans"], sort=False)
     values = by["regret"]
     curves = pd.DataFrame({"median": values.median(), "q25": values.quantile(0.25), "q75": values.quantile(0.75)})
     curves["runs"] = by["run"].nunique()
     curves["problems"] = by.size()
-    return curves.reset_index()[["group", "world", "task", "towers", "median", "q25", "q75", "runs", "problems"]]
+    return curves.reset_index()[["group", "world", "task", "plans", "median", "q25", "q75", "runs", "problems"]]
 
 
 def accuracy_curves(accuracy: pd.DataFrame) -> pd.DataFrame:
-    """Mean, least and greatest accuracy over runs, and mean AUC: group, length, towers, mean, min, max, auc, runs."""
-    by = accuracy.groupby(["group", "length", "towers"], sort=False)
+    """Mean, least and greatest accuracy over runs, and mean AUC: group, length, plans, mean, min, max, auc, runs."""
+    by = accuracy.groupby(["group", "length", "plans"], sort=False)
     curves = by["accuracy"].agg(["mean", "min", "max"])
     curves["auc"] = by["auc"].mean()
     curves["runs"] = by["run"].nunique()
     return curves.reset_index()
 
 
-def plot_regret(curves: pd.DataFrame) -> "Figure":
+def plot_regret(curves: pd.DataFrame, words: Words) -> "Figure":
     """One row for each world, one panel for each task: the median, shaded between the quartiles."""
     tasks = list(dict.fromkeys(curves["task"]))
-    titles = {task: TITLES.get(task, task.replace("_", " ")) for task in tasks}
+    titles = {task: words.titles.get(task) or task.replace("_", " ") for task in tasks}
     rows = {f"Regret in world {world}": curves[curves["world"] == world] for world in sorted(set(curves["world"]))}
-    figure, panels = _panels(rows, "task", titles, ("median", "q25", "q75"))
+    figure, panels = _panels(rows, "task", titles, ("median", "q25", "q75"), words)
     panels[0].set_ylim(-0.03, 1.03)
     return figure
 
 
-def plot_accuracy(curves: pd.DataFrame) -> "Figure":
-    """One panel for each tower length: the mean, shaded from the least to the greatest run."""
+def plot_accuracy(curves: pd.DataFrame, words: Words) -> "Figure":
+    """One panel for each length: the mean, shaded from the least to the greatest run."""
     lengths = sorted(set(curves["length"]))
-    titles = {length: f"{length} blocks" for length in lengths}
-    figure, panels = _panels({"Accuracy": curves}, "length", titles, ("mean", "min", "max"))
+    titles = {length: f"{length} {plural(words.object)}" for length in lengths}
+    figure, panels = _panels({"Accuracy": curves}, "length", titles, ("mean", "min", "max"), words)
     panels[0].set_ylim(min(0.45, curves["min"].min() - 0.03), 1.01)
     for axes in panels:
         axes.axhline(0.5, color="0.75", linewidth=0.8, linestyle=":", zorder=0)
     return figure
+
+
+def plural(word: str) -> str:
+    """Of a noun in English: towers, boxes."""
+    return word + ("es" if word.endswith(("s", "x", "ch", "sh")) else "s")
 
 
 def save(figure: "Figure", table: pd.DataFrame, stem: Path) -> list[Path]:
@@ -72,9 +94,13 @@ def save(figure: "Figure", table: pd.DataFrame, stem: Path) -> list[Path]:
 
 
 def _panels(
-    rows: Mapping[str, pd.DataFrame], column: str, titles: Mapping[Any, str], lines: tuple[str, str, str]
+    rows: Mapping[str, pd.DataFrame],
+    column: str,
+    titles: Mapping[Any, str],
+    lines: tuple[str, str, str],
+    words: Words,
 ) -> tuple["Figure", list["Axes"]]:
-    """Rows of panels over the number of labelled towers, one line with its band for each group.
+    """Rows of panels over the number of labelled plans, one line with its band for each group.
 
     A single row of many panels is broken into two.
     """
@@ -109,18 +135,18 @@ def _panels(
         handles: dict[str, Line2D] = {}
         for number, ((quantity, curves, value), axes) in enumerate(zip(cells, panels, strict=True)):
             for group in groups:
-                line = curves[(curves[column] == value) & (curves["group"] == group)].sort_values("towers")
+                line = curves[(curves[column] == value) & (curves["group"] == group)].sort_values("plans")
                 marker = MARKERS[groups.index(group) % len(MARKERS)] if len(line) < 15 else None
                 (handles[group],) = axes.plot(
-                    line["towers"], line[centre], color=colours[group], marker=marker, markersize=3.5
+                    line["plans"], line[centre], color=colours[group], marker=marker, markersize=3.5
                 )
-                axes.fill_between(line["towers"], line[low], line[high], color=colours[group], alpha=shade, linewidth=0)
+                axes.fill_between(line["plans"], line[low], line[high], color=colours[group], alpha=shade, linewidth=0)
                 if outlined:
-                    axes.plot(line["towers"], line[[low, high]], color=colours[group], linewidth=0.6, linestyle=":")
+                    axes.plot(line["plans"], line[[low, high]], color=colours[group], linewidth=0.6, linestyle=":")
             if number < len(titles):
                 axes.set_title(titles[value], parse_math=False)
             if number >= len(cells) - columns:
-                axes.set_xlabel("Labelled towers")
+                axes.set_xlabel(f"Labelled {plural(words.plan)}")
                 axes.tick_params(labelbottom=True)
             if axes in grid[:, 0]:
                 axes.set_ylabel(quantity, parse_math=False)

@@ -1,6 +1,6 @@
 """Finished runs as tables: find run directories, and tell them apart by what differs between them."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -9,6 +9,7 @@ import pandas as pd
 
 from apf.config.values import NO_EFFECT, flatten, identity
 from apf.errors import InputError
+from apf.report.figures import Words
 from apf.rundir.kept import Summary, read_config, read_state
 
 NOT_A_GROUP = ("seed",)
@@ -19,11 +20,12 @@ NO_NAME = (*NO_EFFECT, "experiment", "with_world")
 
 @dataclass(frozen=True)
 class Run:
-    """A run directory: its plain config, and which option was chosen of each config group."""
+    """A run directory: its plain config, which option was chosen of each config group, how figures call things."""
 
     directory: Path
     config: dict[str, Any]
     choices: dict[str, Any]
+    words: Words
 
     def table(self, name: str) -> pd.DataFrame:
         """The parquet table of that name. Raises InputError if it cannot be read."""
@@ -47,13 +49,18 @@ def find_runs(directories: Sequence[Path]) -> tuple[list[Run], list[Path]]:
             state = read_state(path.parent, Summary)
             if state["finished"]:
                 config = read_config(path.parent)
-                finished[path.parent.resolve()] = Run(path.parent, config, state["choices"])
+                finished[path.parent.resolve()] = Run(path.parent, config, state["choices"], words_of(state))
             else:
                 unfinished.append(path.parent)
     if not finished:
         hint = f"; {len(unfinished)} there have not finished" if unfinished else ""
         raise InputError(f"{', '.join(map(str, directories))}: no finished run found{hint}")
     return list(finished.values()), unfinished
+
+
+def words_of(state: Mapping[str, Any]) -> Words:
+    """How a run's figures call things, as its `run.yaml` says."""
+    return Words(state["words"]["plan"], state["words"]["object"], state["titles"])
 
 
 def label_runs(runs: Sequence[Run]) -> list[str]:

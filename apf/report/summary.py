@@ -8,11 +8,13 @@ from rich.table import Table
 from rich.text import Text
 
 from apf.report import figures
+from apf.report.runs import words_of
 from apf.rundir.kept import Summary, read_state
 
 
 def save_figures(directory: Path) -> None:
     """Write the run's own regret and accuracy curves beside its tables."""
+    words = words_of(read_state(directory, Summary))
     for name, curves_of, plot in (
         ("regret", figures.regret_curves, figures.plot_regret),
         ("accuracy", figures.accuracy_curves, figures.plot_accuracy),
@@ -20,18 +22,18 @@ def save_figures(directory: Path) -> None:
         table = pd.read_parquet(directory / f"{name}.parquet").assign(run=0, group=directory.name)
         curves = curves_of(table)
         if len(curves):
-            figures.save(plot(curves), curves.drop(columns="group"), directory / "figures" / name)
+            figures.save(plot(curves, words), curves.drop(columns="group"), directory / "figures" / name)
 
 
 def print_summary(directory: Path, console: Console) -> None:
-    """Wall time, median regret and towers standing for each world and task, accuracy for each length, and the place."""
+    """Wall time, regret and success for each world and task, accuracy for each length, and the place."""
     seconds = read_state(directory, Summary)["seconds"]
     regret, accuracy = (pd.read_parquet(directory / f"{name}.parquet") for name in ("regret", "accuracy"))
     last = max([*regret["step"], *accuracy["step"]], default=0)
     regret, accuracy = regret[regret["step"] == last], accuracy[accuracy["step"] == last]
-    towers = max([*regret["towers"], *accuracy["towers"]], default=0)
+    plans = max([*regret["plans"], *accuracy["plans"]], default=0)
     console.print()
-    console.print(Text.assemble((f"{towers} labelled towers", "bold"), f" in {_duration(seconds)}"))
+    console.print(Text.assemble((f"{plans} labelled plans", "bold"), f" in {_duration(seconds)}"))
     if len(regret):
         table = Table("world", "task", "median regret", "quartiles", "standing", box=None, pad_edge=False)
         regret = regret.sort_values("world", kind="stable")
@@ -41,7 +43,7 @@ def print_summary(directory: Path, console: Console) -> None:
             table.add_row(*map(str, names), f"{median:.3f}", f"{low:.3f} to {high:.3f}", standing)
         console.print(table)
     if len(accuracy):
-        table = Table("blocks", *map(str, accuracy["length"]), box=None, pad_edge=False)
+        table = Table("length", *map(str, accuracy["length"]), box=None, pad_edge=False)
         table.add_row("accuracy", *(f"{value:.3f}" for value in accuracy["accuracy"]))
         console.print(table)
     console.print("tables, figures, weights and journal:")

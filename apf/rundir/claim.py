@@ -11,18 +11,17 @@ from typing import TextIO
 
 import portalocker
 
+from apf.domain import Domain
 from apf.errors import InputError
 from apf.rundir.files import make_folder, read_yaml, sync_path_to
 from apf.rundir.journal import BEGINS
-from apf.towers import TowerDomain
 
 CONFIG, STATE, JOURNAL, LOCK, LOG = "config.yaml", "run.yaml", "journal.jsonl", "lock", "run.log"
-TABLES = ("towers.parquet", "regret.parquet", "accuracy.parquet")
+TABLES = ("plans.parquet", "regret.parquet", "accuracy.parquet")
 WORLD_TABLE = "world.parquet"
 """What the world reported of each plan, if it reports anything."""
-BLOCKS = ("training_blocks.csv", "evaluation_blocks.csv")
-FIRST = (*BLOCKS, STATE, JOURNAL, CONFIG)
-"""What a run writes before it does anything."""
+FIRST = (STATE, JOURNAL, CONFIG)
+"""What a run writes before it does anything, after the objects of its domain's plans."""
 LATER = (LOG, *TABLES, WORLD_TABLE, "weights/step_*.safetensors", "figures/regret.*", "figures/accuracy.*")
 """What it writes then."""
 HOLDER = re.compile(r"process \d+ on \S+")
@@ -36,11 +35,11 @@ class Claim:
     directory: Path
     before: frozenset[str]
 
-    def abandon(self) -> None:
-        """Take back what was made here for a run that never came to its first record, and nothing else."""
+    def abandon(self, domain: Domain) -> None:
+        """Take back what was made here for a run of this domain that never came to its first record, nothing else."""
         if JOURNAL not in self.before and not is_new(self.directory):
             return
-        for name in (*FIRST[::-1], LOG, LOCK):
+        for name in (*FIRST[::-1], *domain.object_files, LOG, LOCK):
             if name not in self.before:
                 (self.directory / name).unlink(missing_ok=True)
         if "weights" not in self.before:
@@ -115,7 +114,7 @@ def is_new(directory: Path) -> bool:
         return True
 
 
-def refuse_foreign(directory: Path, domain: TowerDomain, identity: str) -> None:
+def refuse_foreign(directory: Path, domain: Domain, identity: str) -> None:
     """Raises InputError, naming the file, if a new run would overwrite something in a directory that holds no run.
 
     What an earlier start of the same run wrote before it was killed is no such thing.
@@ -125,7 +124,8 @@ def refuse_foreign(directory: Path, domain: TowerDomain, identity: str) -> None:
         domain: Of the run.
         identity: What `run.yaml` has as `hash`.
     """
-    for path in sorted({path for name in (LOCK, *FIRST, *LATER) for path in _glob(directory, name)}):
+    names = (LOCK, *domain.object_files, *FIRST, *LATER)
+    for path in sorted({path for name in names for path in _glob(directory, name)}):
         if not _is_of_a_start(path, domain, identity):
             raise InputError(
                 f"{path} is there already, and a run would overwrite it; move it, or choose another hydra.run.dir"
@@ -137,11 +137,11 @@ def _glob(directory: Path, name: str) -> list[Path]:
     return sorted(directory.glob(name)) if "*" in name else [path] * os.path.lexists(path)
 
 
-def _is_of_a_start(path: Path, domain: TowerDomain, identity: str) -> bool:
+def _is_of_a_start(path: Path, domain: Domain, identity: str) -> bool:
     """Is this what a start of the run writes, and replaces if it starts again?"""
     if path.is_symlink() or not path.is_file():
         return False
-    if path.name in BLOCKS:
+    if path.name in domain.object_files:
         return domain.is_kept(path)
     try:
         text = path.read_text()

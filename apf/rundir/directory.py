@@ -3,7 +3,7 @@
 import contextlib
 import secrets
 import shlex
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ from hydra.types import RunMode
 from omegaconf import OmegaConf
 
 from apf.config.values import LENGTH, config_dir, config_hash, flatten, identity
+from apf.domain import Domain, Task
 from apf.errors import InputError, Stopped
 from apf.interrupts import Interrupted
 from apf.rundir.claim import CONFIG, JOURNAL, STATE, TABLES, WORLD_TABLE, is_new, refuse_foreign
@@ -20,13 +21,12 @@ from apf.rundir.files import checksum, read_yaml, write_yaml
 from apf.rundir.journal import Journal, create
 from apf.rundir.kept import read_config, read_state
 from apf.rundir.versions import versions
-from apf.towers import TowerDomain
 
 NOT_KEPT = ("hydra.mode", "hydra.run.", "hydra.sweep", "hydra/sweeper", "hydra.launcher", "hydra/launcher")
 """Hydra's own overrides that say where and how a run is started, not what it is."""
 
 
-def check(directory: Path, config: dict[str, Any], domain: TowerDomain) -> bool:
+def check(directory: Path, config: dict[str, Any], domain: Domain) -> bool:
     """Could this run be the one that the directory holds, if it holds one? Returns whether that has gone as far.
 
     Raises InputError, naming the keys that differ, if another run lives there, or if it goes on in another way.
@@ -38,39 +38,45 @@ def check(directory: Path, config: dict[str, Any], domain: TowerDomain) -> bool:
     differing = [key for key in sorted(mine.keys() | theirs.keys()) if mine.get(key) != theirs.get(key)]
     if differing:
         raise InputError(f"{directory} holds a run of another config; these keys differ: {', '.join(differing)}")
-    check_blocks(directory, domain)
+    check_objects(directory, domain)
     if not (directory / JOURNAL).exists():
         raise InputError(
             f"{directory / JOURNAL} is missing, and all labels with it; put it back, or remove {directory}"
         )
     done = finished(directory)
     if config[LENGTH] < kept[LENGTH] and not done:
-        raise InputError(f"{directory} holds a run of {kept[LENGTH]} towers that has not finished; go on with as many")
-    first, each = sum(kept["initial"].values()), kept["acquisition"]["towers"]
+        raise InputError(f"{directory} holds a run of {kept[LENGTH]} plans that has not finished; go on with as many")
+    first, each = sum(kept["initial"].values()), kept["acquisition"]["plans"]
     if config[LENGTH] > kept[LENGTH] and (kept[LENGTH] - first) % each:
         raise InputError(
-            f"{directory} holds a run of {kept[LENGTH]} towers, whose last acquisition had fewer than {each}: "
+            f"{directory} holds a run of {kept[LENGTH]} plans, whose last acquisition had fewer than {each}: "
             "it cannot be made longer"
         )
     return done and config[LENGTH] <= kept[LENGTH]
 
 
-def check_blocks(directory: Path, domain: TowerDomain) -> None:
-    """Raises InputError if a block set is not the one that the run began with."""
-    began = read_state(directory)["blocks"]
+def check_objects(directory: Path, domain: Domain) -> None:
+    """Raises InputError if objects of plans are not those that the run began with."""
+    began = read_state(directory)["objects"]
     for name, digest in domain.digests.items():
         if began.get(name) != digest:
             raise InputError(
-                f"{directory / name} differs from the blocks of now, or was changed; labels belong to the blocks that "
-                "the run began with"
+                f"{directory / name} differs from the config, or was changed; labels belong to what the run began with"
             )
     domain.check_kept(directory)
 
 
-def begin(directory: Path, config: dict[str, Any], domain: TowerDomain) -> None:
+def begin(directory: Path, config: dict[str, Any], domain: Domain, tasks: Mapping[str, Task]) -> None:
     """Make the (locked) directory this run's own, unless it is already; config.yaml, written last, says that it is.
 
-    Raises InputError as `check` does; or, naming the file, if something there is the user's and would be overwritten.
+    Args:
+        directory: Where the run is to be.
+        config: The plain config.
+        domain: Of the run.
+        tasks: By their names in the config.
+
+    Raises:
+        InputError: As `check` does; or something there is the user's and would be overwritten: it names the file.
     """
     if check(directory, config, domain):
         return
@@ -90,7 +96,9 @@ def begin(directory: Path, config: dict[str, Any], domain: TowerDomain) -> None:
         "choices": {**choices, "task": list(config["task"])},
         "overrides": as_typed(hydra.overrides.task),
         "cwd": str(Path.cwd()),
-        "blocks": domain.digests,
+        "words": {"plan": domain.plan_word, "object": domain.object_word},
+        "titles": {name: task.title for name, task in tasks.items()},
+        "objects": domain.digests,
         "versions": versions(),
         "finished": False,
         "seconds": 0.0,
@@ -107,7 +115,7 @@ def begin(directory: Path, config: dict[str, Any], domain: TowerDomain) -> None:
     check_written(directory, config, state, domain)
 
 
-def check_written(directory: Path, config: dict[str, Any], state: dict[str, Any], domain: TowerDomain) -> None:
+def check_written(directory: Path, config: dict[str, Any], state: dict[str, Any], domain: Domain) -> None:
     """Raises InputError if what a run begins with cannot be read back as it was written."""
     for name, written in ((CONFIG, config), (STATE, state)):
         read = read_yaml(directory / name)
@@ -117,7 +125,7 @@ def check_written(directory: Path, config: dict[str, Any], state: dict[str, Any]
     try:
         domain.check_kept(directory)
     except InputError as error:
-        raise InputError(f"domain: blocks cannot be kept; do their names have blanks or symbols? {error}") from None
+        raise InputError(f"domain: what it names cannot be kept; are there blanks or symbols? {error}") from None
 
 
 def as_typed(overrides: Any) -> list[str]:

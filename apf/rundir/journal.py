@@ -23,7 +23,7 @@ from apf.errors import InputError, Stopped
 from apf.rundir.files import replacing
 
 Record = dict[str, Any]
-FORMAT = 2
+FORMAT = 3
 """Of the journals that this version writes and reads."""
 HEADER = 1
 """Lines before the first record."""

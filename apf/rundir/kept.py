@@ -32,6 +32,10 @@ class Summary(_Kept):
     sweep: Name | None
     choices: dict[str, Choice | list[Choice]]
     """Of each config group."""
+    words: dict[str, str]
+    """What plans and objects are called."""
+    titles: dict[str, str]
+    """Of each task, for figures."""
     versions: dict[str, str]
     finished: Switch
     seconds: Annotated[Number, Field(ge=0)]
@@ -43,8 +47,8 @@ class State(Summary):
     id: Annotated[str, Field(pattern=r"^\w+$")]
     overrides: list[str]
     cwd: Annotated[str, Field(min_length=1)]
-    blocks: dict[str, str]
-    """How the files of the block sets look."""
+    objects: dict[str, str]
+    """How the files of the objects of plans look."""
     journal: End | None = None
     """Where the journal ended, once the run has finished."""
     files: dict[Annotated[str, Field(pattern=r"^[^/\x00]+(/[^/\x00]+)?$")], str | None] = {}
@@ -52,16 +56,16 @@ class State(Summary):
 
 
 class Initial(_Kept):
-    """Of `config.yaml`: how many towers were labelled before the first acquisition."""
+    """Of `config.yaml`: how many plans were labelled before the first acquisition."""
 
     train: Count
     validation: Count
 
 
 class Acquisition(_Kept):
-    """Of `config.yaml`: how many towers an acquisition adds."""
+    """Of `config.yaml`: how many plans an acquisition adds."""
 
-    towers: Count
+    plans: Count
     validation: CountOrNone
 
 
@@ -69,7 +73,7 @@ class Kept(_Kept):
     """What is asked of `config.yaml` by all who read it. What is in its parts, each part checks when it is made."""
 
     seed: Seed
-    towers: Count
+    plans: Count
     initial: Initial
     acquisition: Acquisition
     training: Part

@@ -12,8 +12,8 @@ LABELS = re.compile("1*(0-*)?")
 
 KINDS = {
     "plans": ("step", "plans"),
-    "label": ("tower", "labels"),
-    "correction": ("tower", "old", "labels", "reason"),
+    "label": ("plan", "labels"),
+    "correction": ("plan", "old", "labels", "reason"),
     "training": ("step", "losses"),
     "evaluation": ("step", "regret", "accuracy", "weights"),
 }
@@ -31,12 +31,12 @@ LengthOf = Callable[[dict[str, Any]], int]
 """The number of placements of a plan, as the journal holds it; raises ValueError if it is none."""
 
 
-def check(record: Record, towers: Sequence[Proposed], length_of: LengthOf) -> None:
+def check(record: Record, proposed: Sequence[Proposed], length_of: LengthOf) -> None:
     """Raises ValueError, saying what is wrong, unless the record may follow.
 
     Args:
         record: As the journal holds it.
-        towers: All that was proposed before.
+        proposed: All that was proposed before.
         length_of: Of a plan.
     """
     kind = record.get("kind")
@@ -46,12 +46,12 @@ def check(record: Record, towers: Sequence[Proposed], length_of: LengthOf) -> No
     if missing:
         raise ValueError(f"{missing[0]} is missing")
     for name in KINDS[kind]:
-        if name in ("step", "tower") and not (type(record[name]) is int and record[name] >= 0):
+        if name in ("step", "plan") and not (type(record[name]) is int and record[name] >= 0):
             raise ValueError(f"{name} is {record[name]!r}, which is no number from 0")
     if kind == "plans":
         _check_plans(record["plans"], length_of)
     elif kind in ("label", "correction"):
-        _check_labels(record, towers, length_of)
+        _check_labels(record, proposed, length_of)
     elif kind == "training":
         losses = record["losses"]
         if not isinstance(losses, dict) or not all(isinstance(loss, int | float) for loss in losses.values()):
@@ -72,19 +72,19 @@ def _check_plans(plans: Any, length_of: LengthOf) -> None:
         length_of(plan["plan"])
 
 
-def _check_labels(record: Record, towers: Sequence[Proposed], length_of: LengthOf) -> None:
-    number, new = record["tower"], record["labels"]
-    if number >= len(towers):
-        raise ValueError(f"tower {number} was not proposed before")
-    before = towers[number].labels
+def _check_labels(record: Record, proposed: Sequence[Proposed], length_of: LengthOf) -> None:
+    number, new = record["plan"], record["labels"]
+    if number >= len(proposed):
+        raise ValueError(f"plan {number} was not proposed before")
+    before = proposed[number].labels
     if record["kind"] == "label" and before is not None:
-        raise ValueError(f"tower {number} has labels already")
+        raise ValueError(f"plan {number} has labels already")
     if record["kind"] == "correction" and (before is None or before != record["old"]):
-        raise ValueError(f"tower {number} has labels {before} before, and not {record['old']}")
-    length = length_of(towers[number].plan)
+        raise ValueError(f"plan {number} has labels {before} before, and not {record['old']}")
+    length = length_of(proposed[number].plan)
     if not isinstance(new, str) or len(new) != length or not LABELS.fullmatch(new):
         raise ValueError(
-            f"labels are {new!r}; tower {number} takes {length} characters, 1 for each prefix that stood, then one 0, "
+            f"labels are {new!r}; plan {number} takes {length} characters, 1 for each prefix that stood, then one 0, "
             "then - to the end"
         )
     if not isinstance(record.get("report"), dict | None):

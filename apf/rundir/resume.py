@@ -58,7 +58,7 @@ def shut_off(directory: Path) -> None:
     """
     home = directory.resolve()
     sys.path[:] = [entry for entry in sys.path if not _is_inside(Path(entry or "."), home)]
-    names = (CONFIG, STATE, JOURNAL, LOCK, *TABLES, WORLD_TABLE, "run.log", "*_blocks.csv", "weights", "figures")
+    names = (CONFIG, STATE, JOURNAL, LOCK, *TABLES, WORLD_TABLE, "run.log", "weights", "figures")
     for name in (*names, "weights/*", "figures/*", "wandb"):
         for path in directory.glob(name):
             if path.is_symlink() and not _is_inside(path, home):

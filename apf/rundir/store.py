@@ -4,7 +4,7 @@ config.yaml       the resolved config
 run.yaml          name, choices, versions, state, wall time
 journal.jsonl     every plan proposed, every label, correction, training and evaluation, in the order they came
 weights/          step_0010.safetensors: the ensemble at each evaluated step
-towers.parquet, regret.parquet, accuracy.parquet    the journal as tables, when it has grown by a tenth, and at the end
+plans.parquet, regret.parquet, accuracy.parquet    the journal as tables, when it has grown by a tenth, and at the end
 """
 
 from bisect import bisect_right, insort
@@ -18,7 +18,7 @@ import numpy as np
 import pandas as pd
 
 from apf.acquisition import Scored
-from apf.domain import UNOBSERVED, Labelled
+from apf.domain import UNOBSERVED, Domain, Labelled
 from apf.errors import InputError
 from apf.planning.evaluation import ACCURACY_COLUMNS, REGRET_COLUMNS
 from apf.rundir.claim import STATE
@@ -27,25 +27,24 @@ from apf.rundir.journal import HEADER, End, Journal, Record
 from apf.rundir.kept import read_state
 from apf.rundir.records import check
 from apf.rundir.tables import write_table
-from apf.towers import TowerDomain
 
 SYMBOL = {1: "1", 0: "0", -1: "-"}
-"""How the journal writes labels, one character for each prefix: stood, fell, not attempted."""
+"""How the journal writes labels, one character for each prefix: succeeded, failed, not attempted."""
 VALUE = {symbol: label for label, symbol in SYMBOL.items()}
 
 DTYPES = {
-    **dict.fromkeys(("step", "towers", "problem", "length", "n"), "int64"),
+    **dict.fromkeys(("step", "plans", "problem", "length", "n"), "int64"),
     **dict.fromkeys(("value", "best_value", "regret", "accuracy", "auc"), "float64"),
     "feasible": "bool",
 }
 
 GROWTH = 1.1
-"""Tables are written at an evaluation if so many times as many towers are labelled as when they last were: over a run
+"""Tables are written at an evaluation if so many times as many plans are labelled as when they last were: over a run
 the rows that are written then stay in proportion to those of its last tables."""
 
 
 @dataclass
-class Tower:
+class Proposal:
     """What is known of a proposed plan. labels: None until it is executed. score: None for initial plans.
     report: what the world told of its execution, beside the labels, if anything.
 
@@ -65,7 +64,7 @@ class Tower:
 
     @property
     def note(self) -> str | None:
-        """As `towers.parquet` says it."""
+        """As `plans.parquet` says it."""
         notes = ["corrected"] * self.corrected + ["chosen before a correction"] * self.outdated
         return "; ".join(notes) or None
 
@@ -76,13 +75,13 @@ class Batch:
 
     plans: Any
     labels: np.ndarray
-    towers: list[Tower] = field(default_factory=list)
+    proposals: list[Proposal] = field(default_factory=list)
 
 
 class Store:
     """Reads and writes one run directory. A label is on disk before `record` returns."""
 
-    def __init__(self, directory: Path, domain: TowerDomain) -> None:
+    def __init__(self, directory: Path, domain: Domain) -> None:
         """Raises InputError if the journal is damaged, another run's, or cannot be written."""
         self.directory = directory
         self.domain = domain
@@ -93,13 +92,13 @@ class Store:
         for folder in (directory, directory / "weights"):
             remove_unfinished(folder)
         self.corrections = 0
-        self._towers: list[Tower] = []
-        self._steps: dict[int, list[Tower]] = {}
-        self._labelled: list[Tower] = []
+        self._proposed: list[Proposal] = []
+        self._steps: dict[int, list[Proposal]] = {}
+        self._labelled: list[Proposal] = []
         """By their numbers."""
         self._labelled_steps: list[int] = []
         """The step of each labelled plan, in ascending order."""
-        self._reported: Tower | None = None
+        self._reported: Proposal | None = None
         """The last plan that the world told anything of."""
         self._batches: dict[int, Batch] = {}
         """By length, of the first plans of `_labelled`."""
@@ -109,7 +108,7 @@ class Store:
         self._evaluations: dict[int, Record] = {}
         for number, record in enumerate(self.journal.records, HEADER + 1):
             try:
-                check(record, self._towers, domain.encoded_length)
+                check(record, self._proposed, domain.encoded_length)
             except ValueError as error:
                 self.close()
                 line = f"line {number} ({record.get('kind')})"
@@ -122,44 +121,45 @@ class Store:
 
     def _append(self, kind: str, **content: Any) -> None:
         """Make a record durable, and take it into account. Raises ValueError if it could not be read back."""
-        check({"kind": kind, **content}, self._towers, self.domain.encoded_length)
+        check({"kind": kind, **content}, self._proposed, self.domain.encoded_length)
         self._apply(self.journal.append(kind, **content))
 
     def _apply(self, record: Record) -> None:
         """Take a record into account. The journal alone, read from its beginning, gives the state."""
         match record["kind"]:
             case "plans":
-                first = len(self._towers)
-                towers = [Tower(number, record["step"], **plan) for number, plan in enumerate(record["plans"], first)]
-                self._towers += towers
-                self._steps.setdefault(record["step"], []).extend(towers)
+                first = len(self._proposed)
+                plans = enumerate(record["plans"], first)
+                proposals = [Proposal(number, record["step"], **plan) for number, plan in plans]
+                self._proposed += proposals
+                self._steps.setdefault(record["step"], []).extend(proposals)
             case "label":
-                self._label(self._towers[record["tower"]], record["labels"], record.get("report"))
+                self._label(self._proposed[record["plan"]], record["labels"], record.get("report"))
             case "correction":
-                self._correct(self._towers[record["tower"]], record["labels"])
+                self._correct(self._proposed[record["plan"]], record["labels"])
             case "training":
                 self._trainings[record["step"]] = record["losses"]
             case "evaluation":
                 self._evaluations[record["step"]] = record
 
-    def _label(self, tower: Tower, labels: str, report: dict[str, Any] | None) -> None:
-        tower.labels, tower.report = labels, report
-        if self._labelled and self._labelled[-1].number > tower.number:
+    def _label(self, proposal: Proposal, labels: str, report: dict[str, Any] | None) -> None:
+        proposal.labels, proposal.report = labels, report
+        if self._labelled and self._labelled[-1].number > proposal.number:
             self._batches.clear()
-        insort(self._labelled, tower, key=attrgetter("number"))
-        insort(self._labelled_steps, tower.step)
-        if report is not None and (self._reported is None or self._reported.number < tower.number):
-            self._reported = tower
+        insort(self._labelled, proposal, key=attrgetter("number"))
+        insort(self._labelled_steps, proposal.step)
+        if report is not None and (self._reported is None or self._reported.number < proposal.number):
+            self._reported = proposal
 
-    def _correct(self, tower: Tower, labels: str) -> None:
+    def _correct(self, proposal: Proposal, labels: str) -> None:
         """What was learned from the old labels is forgotten; plans that were chosen by it are marked."""
         self.corrections += 1
-        tower.labels, tower.corrected = labels, True
+        proposal.labels, proposal.corrected = labels, True
         self._batches.clear()
-        for other in self._towers:
-            other.outdated |= other.step > tower.step and other.score is not None
+        for other in self._proposed:
+            other.outdated |= other.step > proposal.step and other.score is not None
         for learned in (self._trainings, self._evaluations):
-            for step in [step for step in learned if step >= tower.step]:
+            for step in [step for step in learned if step >= proposal.step]:
                 del learned[step]
 
     # -- plans and labels ---------------------------------------------------------------------------------------
@@ -178,13 +178,13 @@ class Store:
 
     def pending(self, step: int) -> list[tuple[int, Any]]:
         """(number, plan) of each plan of this step that has not been executed yet."""
-        pending = [tower for tower in self._steps.get(step, []) if tower.labels is None]
-        return [(tower.number, self.domain.decode([tower.plan])) for tower in pending]
+        pending = [proposal for proposal in self._steps.get(step, []) if proposal.labels is None]
+        return [(proposal.number, self.domain.decode([proposal.plan])) for proposal in pending]
 
     def record(self, number: int, labels: np.ndarray, report: dict[str, Any] | None = None) -> None:
         """Make the labels [K] of a plan durable, and what the world reported."""
         symbols = "".join(SYMBOL[int(label)] for label in labels)
-        self._append("label", tower=number, labels=symbols, **({} if report is None else {"report": report}))
+        self._append("label", plan=number, labels=symbols, **({} if report is None else {"report": report}))
 
     @property
     def last_report(self) -> dict[str, Any] | None:
@@ -193,20 +193,20 @@ class Store:
 
     def reports(self, step: int | None = None) -> dict[int, dict[str, Any]]:
         """What the world told, by the number of the plan, of all plans or of those of a step."""
-        towers = self._towers if step is None else self._steps.get(step, [])
-        return {tower.number: tower.report for tower in towers if tower.report is not None}
+        proposals = self._proposed if step is None else self._steps.get(step, [])
+        return {proposal.number: proposal.report for proposal in proposals if proposal.report is not None}
 
-    def tower(self, number: int) -> Tower:
+    def proposal(self, number: int) -> Proposal:
         """An executed plan. Raises InputError if there is none of that number."""
-        if not 0 <= number < len(self._towers) or self._towers[number].labels is None:
+        if not 0 <= number < len(self._proposed) or self._proposed[number].labels is None:
             have = self._labelled
-            numbers = f"towers {have[0].number} to {have[-1].number} have" if have else "none has"
-            raise InputError(f"tower is {number}; {numbers} labels in {self.directory}")
-        return self._towers[number]
+            numbers = f"plans {have[0].number} to {have[-1].number} have" if have else "none has"
+            raise InputError(f"plan is {number}; {numbers} labels in {self.directory}")
+        return self._proposed[number]
 
     def correct(self, number: int, labels: str, reason: str) -> None:
         """Make other labels of an executed plan durable; the journal keeps the old ones too."""
-        self._append("correction", tower=number, old=self.tower(number).labels, labels=labels, reason=reason)
+        self._append("correction", plan=number, old=self.proposal(number).labels, labels=labels, reason=reason)
 
     def labelled(self, split: str | None = None, until: int | None = None) -> list[Labelled]:
         """All labelled plans of a split (or of both), up to a step, one batch per length, oldest first."""
@@ -214,8 +214,8 @@ class Store:
         for batch in self._decoded():
             rows = [
                 row
-                for row, tower in enumerate(batch.towers)
-                if split in (None, tower.split) and (until is None or tower.step <= until)
+                for row, proposal in enumerate(batch.proposals)
+                if split in (None, proposal.split) and (until is None or proposal.step <= until)
             ]
             if rows:
                 labelled.append(Labelled(batch.plans[np.array(rows)], batch.labels[rows]))
@@ -223,25 +223,25 @@ class Store:
 
     def _decoded(self) -> list[Batch]:
         """All labelled plans, one batch per length; only those labelled since the last call are decoded."""
-        known = sum(len(batch.towers) for batch in self._batches.values())
-        by_length: dict[int, list[Tower]] = {}
-        for tower in self._labelled[known:]:
-            by_length.setdefault(len(tower.labels or ""), []).append(tower)
-        for length, towers in by_length.items():
-            plans = self.domain.decode([tower.plan for tower in towers])
-            labels = np.array([[VALUE[symbol] for symbol in tower.labels or ""] for tower in towers], np.int8)
+        known = sum(len(batch.proposals) for batch in self._batches.values())
+        by_length: dict[int, list[Proposal]] = {}
+        for proposal in self._labelled[known:]:
+            by_length.setdefault(len(proposal.labels or ""), []).append(proposal)
+        for length, proposals in by_length.items():
+            plans = self.domain.decode([proposal.plan for proposal in proposals])
+            labels = np.array([[VALUE[symbol] for symbol in proposal.labels or ""] for proposal in proposals], np.int8)
             if before := self._batches.get(length):
                 plans = self.domain.concatenate([before.plans, plans])
-                labels, towers = np.concatenate([before.labels, labels]), before.towers + towers
-            self._batches[length] = Batch(plans, labels, towers)
+                labels, proposals = np.concatenate([before.labels, labels]), before.proposals + proposals
+            self._batches[length] = Batch(plans, labels, proposals)
         return [batch for _, batch in sorted(self._batches.items())]
 
     def executed(self, step: int) -> tuple[np.ndarray, np.ndarray]:
         """Of this step's plans: did the whole plan succeed [n] bool, and the acquisition scores [n]."""
-        towers = [tower for tower in self._steps.get(step, []) if tower.labels is not None]
+        proposals = [proposal for proposal in self._steps.get(step, []) if proposal.labels is not None]
         return (
-            np.array([set(tower.labels or "") == {"1"} for tower in towers], bool),
-            np.array([np.nan if tower.score is None else tower.score for tower in towers], float),
+            np.array([set(proposal.labels or "") == {"1"} for proposal in proposals], bool),
+            np.array([np.nan if proposal.score is None else proposal.score for proposal in proposals], float),
         )
 
     def count(self, until: int) -> int:
@@ -300,36 +300,36 @@ class Store:
         table = pd.DataFrame(rows, columns=columns)
         return table.astype({column: dtype for column, dtype in DTYPES.items() if column in columns})
 
-    def towers(self) -> pd.DataFrame:
-        """One row per placement of every labelled plan: what came of it, and the columns of a tower file."""
+    def plans(self) -> pd.DataFrame:
+        """One row per placement of every labelled plan: what came of it, and the columns of the domain's files."""
         nothing = Batch(self.domain.random_plans(1, 0, np.random.default_rng()), np.empty((0, 1), np.int8))
-        parts = [self._tower_table(batch) for batch in self._decoded() or [nothing]]
-        order = np.argsort(np.concatenate([part["tower"] for part in parts]), kind="stable")
+        parts = [self._plan_table(batch) for batch in self._decoded() or [nothing]]
+        order = np.argsort(np.concatenate([part[self.domain.plan_word] for part in parts]), kind="stable")
         return pd.concat(parts, ignore_index=True).iloc[order].reset_index(drop=True)
 
-    def _tower_table(self, batch: Batch) -> pd.DataFrame:
+    def _plan_table(self, batch: Batch) -> pd.DataFrame:
         """The rows of plans of one length."""
-        table, towers = self.domain.table(batch.plans), batch.towers
-        row = table["tower"].to_numpy()
+        table, proposals = self.domain.table(batch.plans), batch.proposals
+        row = table[self.domain.plan_word].to_numpy()
 
         def repeated(values: list[Any], dtype: str) -> pd.Series:
             return pd.Series(values, dtype=dtype).take(row).reset_index(drop=True)
 
         labels = pd.Series(batch.labels.ravel(), dtype="Int8")
         columns = {
-            "step": repeated([tower.step for tower in towers], "int64"),
-            "split": repeated([tower.split for tower in towers], "str"),
-            "score": repeated([np.nan if tower.score is None else tower.score for tower in towers], "float64"),
+            "step": repeated([proposal.step for proposal in proposals], "int64"),
+            "split": repeated([proposal.split for proposal in proposals], "str"),
+            "score": repeated([np.nan if p.score is None else p.score for p in proposals], "float64"),
             "label": labels.mask(labels == UNOBSERVED),
-            "note": repeated([tower.note for tower in towers], "string"),
+            "note": repeated([proposal.note for proposal in proposals], "string"),
         }
         for place, (name, values) in enumerate(columns.items(), start=2):
             table.insert(place, name, values)
-        table["tower"] = np.array([tower.number for tower in towers], np.int64)[row]
+        table[self.domain.plan_word] = np.array([proposal.number for proposal in proposals], np.int64)[row]
         return table
 
     def export(self) -> None:
-        """Write towers.parquet, regret.parquet and accuracy.parquet, each replaced in one step."""
-        for name, table in (("towers", self.towers()), ("regret", self.regret()), ("accuracy", self.accuracy())):
+        """Write plans.parquet, regret.parquet and accuracy.parquet, each replaced in one step."""
+        for name, table in (("plans", self.plans()), ("regret", self.regret()), ("accuracy", self.accuracy())):
             write_table(table, self.directory / f"{name}.parquet")
         self._exported = len(self._labelled)

@@ -1,32 +1,33 @@
 """Block towers as a domain of plans: what the rest of the package needs to know of them, and no more.
 
 The four parts that a new domain supplies (appendix, Method Generalizability) are action definitions (here),
-experimental infrastructure and a feasibility detector (`apf.worlds`), and inductive bias (the connectivity of
-`apf.models`).
+experimental infrastructure (`apf.towers.worlds`, `apf.panda`), a feasibility detector (`apf.towers.stability`), and
+inductive bias (`apf.towers.features`, and the connectivity that `conf/model` chooses).
 """
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any
 
 import numpy as np
 import pandas as pd
 from pydantic import Field
 
+from apf.domain import Domain, NamedPlans
 from apf.errors import InputError
 from apf.settings import Whole, settings
 from apf.towers.balanced import balanced_towers
 from apf.towers.blocks import BlockSet, BlockSource
 from apf.towers.features import N_FEATURES, N_POSITION, features, mirrored, weighed
-from apf.towers.files import read_blocks, tower_table, write_blocks
+from apf.towers.files import read_blocks, read_towers, tower_table, write_blocks
 from apf.towers.stability import stands
 from apf.towers.towers import Offset, Towers, random_extensions, random_towers
 
 
 @settings
-class TowerDomain:
+class TowerDomain(Domain):
     """Block sets for experiments and for evaluation, and the plans that can be made of them."""
 
     training: BlockSource = Field(default_factory=BlockSource)
@@ -40,9 +41,11 @@ class TowerDomain:
     """Train on each tower with its masses scaled so many ways, instead of its own? What stands, stands if every block
     weighs twice as much. 0: its own masses."""
 
-    _names: ClassVar = ("training_blocks.csv", "evaluation_blocks.csv")
     n_features = N_FEATURES
     n_position = N_POSITION
+    plan_word = "tower"
+    object_word = "block"
+    object_files = ("training_blocks.csv", "evaluation_blocks.csv")
 
     @cached_property
     def training_blocks(self) -> BlockSet:
@@ -54,48 +57,24 @@ class TowerDomain:
         """The novel set."""
         return _loaded("domain.evaluation.file", self.evaluation)
 
-    @cached_property
-    def _kept(self) -> set[tuple[str, bytes]]:
-        """Files, by name and content, that were found to hold these sets: the runs of a sweep have the same."""
-        return set()
-
-    def keep(self, directory: Path) -> None:
-        """Write both block sets into a run directory, unless they are there: what was labelled stays tied to them."""
-        for name, blocks in self._sets().items():
-            if not self.is_kept(directory / name):
-                write_blocks(blocks, directory / name, units=True)
-
-    def is_kept(self, path: Path) -> bool:
-        """Is there such a file, and does it hold what `keep` writes there?"""
-        try:
-            return path.exists() and self._sets()[path.name].equals(read_blocks(path))
-        except InputError:
-            return False
-
-    def check_kept(self, directory: Path) -> None:
-        """Raises InputError if a block set is not the one that `keep` wrote."""
-        for name, blocks in self._sets().items():
-            path = directory / name
-            content = path.read_bytes() if path.is_file() else b""
-            if (name, content) in self._kept:
-                continue
-            if not blocks.equals(read_blocks(path)):
-                raise InputError(f"{path} differs from the blocks of now; labels belong to the blocks there")
-            self._kept.add((name, content))
-
     def kept_in(self, directory: Path) -> "TowerDomain":
         """This domain with the block sets that `keep` wrote into a directory, wherever they came from at first."""
-        files = zip((self.training, self.evaluation), self._names, strict=True)
+        files = zip((self.training, self.evaluation), self.object_files, strict=True)
         training, evaluation = (replace(source, file=directory / name) for source, name in files)
         return replace(self, training=training, evaluation=evaluation)
 
-    @property
-    def digests(self) -> dict[str, str]:
-        """By the name of its file, digits that tell a block set from all others."""
-        return {name: blocks.digest for name, blocks in self._sets().items()}
+    @cached_property
+    def objects(self) -> dict[str, BlockSet]:
+        """Both block sets."""
+        return dict(zip(self.object_files, (self.training_blocks, self.evaluation_blocks), strict=True))
 
-    def _sets(self) -> dict[str, BlockSet]:
-        return dict(zip(self._names, (self.training_blocks, self.evaluation_blocks), strict=True))
+    def read_objects(self, path: Path) -> BlockSet:
+        """A block set of a run directory."""
+        return read_blocks(path)
+
+    def write_objects(self, objects: BlockSet, path: Path) -> None:
+        """A block file with its units in the header."""
+        write_blocks(objects, path, units=True)
 
     def check_length(self, length: int, key: str, evaluation: bool = False) -> None:
         """Raises InputError, naming the config key, if no plan of `length` placements can be made."""
@@ -143,10 +122,10 @@ class TowerDomain:
         """[N] bool: would the plan succeed in a world without noise?"""
         return stands(plans)
 
-    def problem(self, n_blocks: int, candidates: int, rng: np.random.Generator) -> Towers:
-        """A planning problem: random plans that use all of `n_blocks` evaluation blocks chosen at random."""
-        chosen = rng.choice(len(self.evaluation_blocks), n_blocks, replace=False)
-        return random_towers(self.evaluation_blocks.subset(chosen), n_blocks, candidates, rng, self.offset)
+    def problem(self, length: int, candidates: int, rng: np.random.Generator) -> Towers:
+        """A planning problem: random plans that use all of `length` evaluation blocks chosen at random."""
+        chosen = rng.choice(len(self.evaluation_blocks), length, replace=False)
+        return random_towers(self.evaluation_blocks.subset(chosen), length, candidates, rng, self.offset)
 
     def balanced(self, length: int, n: int, rng: np.random.Generator) -> tuple[Towers, np.ndarray]:
         """n plans with evaluation blocks, and their labels [n] bool: half of them feasible."""
@@ -176,8 +155,12 @@ class TowerDomain:
         return Towers(self.training_blocks, block, rotation, np.array([p["xy"] for p in plans], float))
 
     def table(self, plans: Towers) -> pd.DataFrame:
-        """One row per placement, `tower` counting from 0, in the columns of a tower file."""
+        """One row per placement, in the columns of a tower file."""
         return tower_table(plans)
+
+    def read_plans(self, path: Path) -> list[NamedPlans]:
+        """The towers of a tower file."""
+        return read_towers(path)
 
 
 def _loaded(key: str, source: BlockSource) -> BlockSet:

@@ -7,13 +7,13 @@ own frame, then the pose of its centre of geometry in the world.
 import re
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
+from apf.domain import NamedPlans
 from apf.errors import InputError
 from apf.rundir.tables import Table, read_table, shown, write_table
 from apf.towers.blocks import SIDES, BlockSet, first_fault
@@ -37,15 +37,6 @@ DENSITIES = (0.01, 25_000.0)
 """The densities [kg/m3] that are believed without units: a hundredth of air's (what is meant in cm is another ten times
 lighter, while blocks of a made-up 1 kg may well be metres long), and just more than osmium's."""
 _WHOLE = re.compile("0|-?[1-9][0-9]{0,17}")
-
-
-@dataclass(frozen=True)
-class NamedTowers:
-    """The towers of one length in a file: the file's own name of each [N], and where it came in the file [N]."""
-
-    towers: Towers
-    names: tuple[Any, ...]
-    order: tuple[int, ...]
 
 
 def read_blocks(path: str | Path) -> BlockSet:
@@ -80,7 +71,7 @@ def tower_table(towers: Towers, first: int = 0) -> pd.DataFrame:
     return pd.concat([table, blocks, pose], axis=1)
 
 
-def read_towers(path: str | Path) -> list[NamedTowers]:
+def read_towers(path: str | Path) -> list[NamedPlans]:
     """The towers of a tower file, one batch for each length.
 
     If all rotations are (1, 0, 0, 0), a line on standard error asks whether w came first.
@@ -113,7 +104,7 @@ def read_towers(path: str | Path) -> list[NamedTowers]:
         towers = Towers(blocks, block[rows], rotation[rows], xy[rows])
         of_these = tuple(names[i] for i in members)
         _require_contact(table, towers, table.numbers["z"][rows], of_these, rows)
-        batches.append(NamedTowers(towers, of_these, tuple(members.tolist())))
+        batches.append(NamedPlans(towers, of_these, tuple(members.tolist())))
     return batches
 
 

@@ -7,6 +7,7 @@ from pydantic import Field
 
 from apf.domain import Predictor
 from apf.settings import Deviation, Few, settings
+from apf.towers.domain import TowerDomain
 from apf.towers.stability import standing_prefixes, stands
 from apf.towers.towers import Towers
 
@@ -14,6 +15,8 @@ from apf.towers.towers import Towers
 @settings
 class AnalyticPredictor(Predictor):
     """Feasible if the tower stands in a world without noise: the paper's Analytical model."""
+
+    for_domain = TowerDomain
 
     by_prefix = True
 
@@ -29,6 +32,8 @@ class AnalyticPredictor(Predictor):
 @settings
 class SimulationPredictor(Predictor):
     """The paper's Simulation model: feasible only if the tower stands under every one of several perturbations."""
+
+    for_domain = TowerDomain
 
     perturbations: Few = 10
     noise: Annotated[Deviation, Field(gt=0)] = 0.005

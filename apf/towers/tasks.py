@@ -4,6 +4,7 @@ import numpy as np
 
 from apf.domain import Task
 from apf.settings import settings
+from apf.towers.domain import TowerDomain
 from apf.towers.towers import Towers
 
 
@@ -11,6 +12,8 @@ from apf.towers.towers import Towers
 class Tallest(Task):
     """The height of the tower [m]."""
 
+    for_domain = TowerDomain
+    title = "Tallest tower"
     unit = "m"
 
     def value(self, plans: Towers) -> np.ndarray:
@@ -22,6 +25,8 @@ class Tallest(Task):
 class Overhang(Task):
     """From the bottom block's centre of geometry to the furthest vertical side of the top block [m]."""
 
+    for_domain = TowerDomain
+    title = "Longest overhang"
     unit = "m"
 
     def value(self, plans: Towers) -> np.ndarray:
@@ -34,6 +39,8 @@ class Overhang(Task):
 class Unsupported(Task):
     """How much of each block's underside is not on the block below, summed [m^2]."""
 
+    for_domain = TowerDomain
+    title = "Maximum unsupported area"
     unit = "m²"
 
     def value(self, plans: Towers) -> np.ndarray:

@@ -4,6 +4,7 @@ import numpy as np
 
 from apf.domain import World, labels_from
 from apf.settings import Deviation, settings
+from apf.towers.domain import TowerDomain
 from apf.towers.stability import standing_prefixes
 from apf.towers.towers import Towers
 
@@ -11,6 +12,8 @@ from apf.towers.towers import Towers
 @settings
 class AnalyticWorld(World):
     """Blocks land exactly where the plan puts them."""
+
+    for_domain = TowerDomain
 
     def execute(self, plans: Towers, rng: np.random.Generator) -> np.ndarray:
         """Labels [N, K]; draws nothing from `rng`."""
@@ -20,6 +23,8 @@ class AnalyticWorld(World):
 @settings
 class NoisyWorld(World):
     """Placement noise on each block's absolute x and y, independent and normal."""
+
+    for_domain = TowerDomain
 
     noise: Deviation
     """Standard deviation [m]."""

@@ -20,11 +20,11 @@ class Phase(IntEnum):
 
 @dataclass(frozen=True)
 class Figures:
-    """What is to be shown of one phase of a step: numbers by name, and how many towers were labelled by then."""
+    """What is to be shown of one phase of a step: numbers by name, and how many plans were labelled by then."""
 
     step: int
     phase: Phase
-    towers: int
+    plans: int
     metrics: Mapping[str, float]
 
 

@@ -61,7 +61,7 @@ class ConsoleTracker(Tracker):
         self.say(f"{run.name} in {run.directory}")
         if run.history:
             last = run.history[-1]
-            self.say(f"going on after step {last.step}, {last.towers} towers")
+            self.say(f"going on after step {last.step}, {last.plans} plans")
         if self.console.is_terminal:
             self._live = Live(get_renderable=self._line, console=self.console, transient=True, refresh_per_second=5)
             self._live.start()
@@ -104,7 +104,7 @@ class ConsoleTracker(Tracker):
             topic, _, number = name.partition("/")
             topics.setdefault(topic, []).append(f"{number} {value:.3g}")
         for topic, numbers in topics.items():
-            self.say(f"step {figures.step}, {figures.towers} towers, {topic}: {', '.join(numbers)}")
+            self.say(f"step {figures.step}, {figures.plans} plans, {topic}: {', '.join(numbers)}")
 
     def finish(self, failed: bool) -> None:
         """Take the bar away."""

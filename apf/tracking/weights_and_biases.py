@@ -93,14 +93,14 @@ class WandbTracker(Tracker):
             reinit="create_new",  # whatever became of the run of another job of this process
             settings=wandb.Settings(**own, finish_timeout_raises=True),
         )
-        opened.define_metric("towers")
-        opened.define_metric("*", step_metric="towers")
+        opened.define_metric("plans")
+        opened.define_metric("*", step_metric="plans")
         return opened
 
     def log(self, figures: Figures) -> None:
-        """Curves over the number of labelled towers."""
+        """Curves over the number of labelled plans."""
         numbers = {name: float(value) for name, value in figures.metrics.items()}
-        row = {"towers": figures.towers, "step": figures.step, **numbers}
+        row = {"plans": figures.plans, "step": figures.step, **numbers}
         for run in tuple(self._open):
             try:
                 run.log(row, step=figures.step * len(Phase) + figures.phase)

@@ -29,19 +29,19 @@ MAINS = {
 
 TINY = (
     "tracker=none",
-    "towers=12",
+    "plans=12",
     "initial.train=4",
     "initial.validation=4",
-    "acquisition.towers=2",
+    "acquisition.plans=2",
     "acquisition.validation=1",
     "training.updates=3",
     "model.members=2",
     "model.network.hidden=8",
     "evaluation.every=1",
     "evaluation.problems=1",
-    "evaluation.blocks=2",
+    "evaluation.length=2",
     "evaluation.lengths=[2]",
-    "evaluation.test_towers=4",
+    "evaluation.test_plans=4",
     "planner.candidates=64",
     "sampler.candidates.n=50",
 )
@@ -52,7 +52,7 @@ SMOKE = (
     "tracker=none",
     "training.updates=10",
     "evaluation.problems=2",
-    "evaluation.test_towers=20",
+    "evaluation.test_plans=20",
     "sampler.candidates.n=1000",
 )
 """The smoke preset, made a little smaller: 12 + 8 initial towers and two acquisitions of 10, all evaluated."""

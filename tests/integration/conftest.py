@@ -61,7 +61,7 @@ SWEEP = (
     "sweep=mine",
     "evaluation.problems=3",
     "evaluation.lengths=[2,3]",
-    "evaluation.test_towers=20",
+    "evaluation.test_plans=20",
     "planner.candidates=256",
 )
 

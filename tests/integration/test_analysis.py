@@ -41,13 +41,13 @@ def test_plot_regret(sweep: Path, tmp_path: Path) -> None:
     assert str(folder / "regret.pdf") in result.out
     must_be_pictures(folder / "regret")
     drawn = pd.read_csv(folder / "regret.csv")
-    assert list(drawn.columns) == ["group", "world", "task", "towers", "median", "q25", "q75", "runs", "problems"]
+    assert list(drawn.columns) == ["group", "world", "task", "plans", "median", "q25", "q75", "runs", "problems"]
     assert len(drawn) == 2 * 2 * 3 * 2
     for sampler in ("sequential", "random_ss"):
         tables = [pd.read_parquet(run / "regret.parquet") for run in folder.glob(f"{sampler}-*")]
         assert len(tables) == 2
         values = pd.concat(tables).dropna(subset=["regret"])
-        keys = ["world", "task", "towers"]
+        keys = ["world", "task", "plans"]
         for _, row in drawn[drawn["group"] == sampler].iterrows():
             mine = values[(values[keys] == row[keys]).all(axis=1)]["regret"].to_numpy()
             expected = [np.median(mine), *np.percentile(mine, [25, 75])]
@@ -61,18 +61,18 @@ def test_plot_accuracy(sweep: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: P
     plot(monkeypatch, "accuracy", folder, "--out", tmp_path / "figures" / "curve")
     must_be_pictures(tmp_path / "figures" / "curve")
     drawn = pd.read_csv(tmp_path / "figures" / "curve.csv")
-    assert list(drawn.columns) == ["group", "length", "towers", "mean", "min", "max", "auc", "runs"]
+    assert list(drawn.columns) == ["group", "length", "plans", "mean", "min", "max", "auc", "runs"]
     assert len(drawn) == 2 * 2 * 2
     for sampler in ("sequential", "random_ss"):
         values = pd.concat(pd.read_parquet(run / "accuracy.parquet") for run in folder.glob(f"{sampler}-*"))
         for length in (2, 3):
             for towers in (10, 12):
-                row = drawn[(drawn["group"] == sampler) & (drawn["length"] == length) & (drawn["towers"] == towers)]
-                mine = values[(values["length"] == length) & (values["towers"] == towers)]["accuracy"].to_numpy()
+                row = drawn[(drawn["group"] == sampler) & (drawn["length"] == length) & (drawn["plans"] == towers)]
+                mine = values[(values["length"] == length) & (values["plans"] == towers)]["accuracy"].to_numpy()
                 assert len(mine) == 2
                 assert np.allclose(row[["mean", "min", "max"]].iloc[0], [mine.mean(), mine.min(), mine.max()])
                 assert row["runs"].iloc[0] == 2
-                aucs = values[(values["length"] == length) & (values["towers"] == towers)]["auc"]
+                aucs = values[(values["length"] == length) & (values["plans"] == towers)]["auc"]
                 assert np.isclose(row["auc"].iloc[0], aucs.mean())
 
 
@@ -121,7 +121,7 @@ def test_curves_can_end_early(sweep: Path, monkeypatch: pytest.MonkeyPatch, tmp_
     plot(monkeypatch, "accuracy", sweep / "runs" / "mine", "--out", short, "--until", "10")
     drawn = pd.read_csv(whole.with_suffix(".csv"))
     pd.testing.assert_frame_equal(
-        pd.read_csv(short.with_suffix(".csv")), drawn[drawn["towers"] == 10].reset_index(drop=True)
+        pd.read_csv(short.with_suffix(".csv")), drawn[drawn["plans"] == 10].reset_index(drop=True)
     )
     with pytest.raises(SystemExit) as stop:
         plot(monkeypatch, "accuracy", sweep / "runs" / "mine", "--out", short, "--until", "9")
@@ -204,7 +204,7 @@ def test_a_run_that_lacks_a_table_is_named(sweep: Path, monkeypatch: pytest.Monk
 
 def run(name: str, config: dict[str, Any], **choices: Any) -> Run:
     """A run as `find_runs` would give it. A config has the keys that count here, and a seed."""
-    return Run(Path(name), {"seed": 0, "towers": 400, **config}, {"sampler": "sequential", "model": "tgn", **choices})
+    return Run(Path(name), {"seed": 0, "plans": 400, **config}, {"sampler": "sequential", "model": "tgn", **choices})
 
 
 def test_seeds_share_a_label() -> None:
@@ -294,7 +294,7 @@ def test_find_runs_and_gather(sweep: Path, tmp_path: Path) -> None:
     assert len(runs) == 4
     assert unfinished == []
     table = gather(runs, "accuracy")
-    assert list(table.columns) == ["run", "group", "step", "towers", "length", "accuracy", "auc", "n"]
+    assert list(table.columns) == ["run", "group", "step", "plans", "length", "accuracy", "auc", "n"]
     assert table.groupby("group")["run"].nunique().to_dict() == {"sequential": 2, "random_ss": 2}
     with pytest.raises(InputError, match="no finished run"):
         find_runs([tmp_path])
@@ -308,7 +308,7 @@ def test_table_regret(sweep: Path, tmp_path: Path) -> None:
     assert len(table) == 2 * 2 * 3 * 2
     assert set(table["chosen"]) == {2 * 3}  # runs x problems
     regret = pd.concat(pd.read_parquet(run / "regret.parquet") for run in folder.glob("sequential-*"))
-    keys = ["world", "task", "towers"]
+    keys = ["world", "task", "plans"]
     for _, row in table[table["group"] == "sequential"].iterrows():
         mine = regret[(regret[keys] == row[keys]).all(axis=1)]
         assert row["standing"] == mine["feasible"].sum()
@@ -330,7 +330,7 @@ def test_claims_of_runs(sweep: Path, tmp_path: Path) -> None:
     assert row["runs"] == "2 + 2"
     parts = {name: pd.concat(map(pd.read_parquet, folder.glob(f"{name}-*/regret.parquet"))) for name in SAMPLERS}
     means = {
-        name: part[part["world"] == "analytic"].groupby(["task", "towers"])["regret"].mean().mean()
+        name: part[part["world"] == "analytic"].groupby(["task", "plans"])["regret"].mean().mean()
         for name, part in parts.items()
     }
     assert row["value"] == pytest.approx(means["random_ss"] - means["sequential"], abs=1e-3)

@@ -58,19 +58,19 @@ OUT_OF_RANGE = [
     ("model.network.hidden=0", "model.network.hidden"),
     ("world.noise=-1", "world.noise"),
     ("world.noise=nan", "world.noise"),
-    ("towers=5", "towers"),
+    ("plans=5", "plans"),
     ("seed=-1", "seed"),
     ("threads=0", "threads"),
     ("initial.train=0", "initial.train"),
-    ("acquisition.towers=0", "acquisition.towers"),
+    ("acquisition.plans=0", "acquisition.plans"),
     ("acquisition.validation=10", "acquisition.validation"),
     ("training.learning_rate=0", "training.learning_rate"),
     ("evaluation.every=0", "evaluation.every"),
-    ("evaluation.blocks=1", "evaluation.blocks"),
-    ("evaluation.blocks=11", "evaluation.blocks"),
+    ("evaluation.length=1", "evaluation.length"),
+    ("evaluation.length=11", "evaluation.length"),
     ("evaluation.lengths=[11]", "evaluation.lengths"),
     ("evaluation.lengths=[2,1]", "evaluation.lengths"),
-    ("evaluation.test_towers=3", "evaluation.test_towers"),
+    ("evaluation.test_plans=3", "evaluation.test_plans"),
     ("planner.candidates=0", "planner.candidates"),
     ("sampler.candidates.lengths.max=11", "sampler"),
     ("sampler.candidates.lengths.min=6", "sampler.candidates.lengths"),
@@ -90,8 +90,8 @@ OUT_OF_RANGE = [
 ]
 
 WRONG_TYPE = [
-    ("towers=many", "towers"),
-    ("towers=12.5", "towers"),
+    ("plans=many", "plans"),
+    ("plans=12.5", "plans"),
     ("seed=null", "seed"),
     ("seed=???", "seed"),
     ("seed=[1]", "seed"),
@@ -180,8 +180,8 @@ def test_what_the_sampler_cannot_do(here: Path) -> None:
 
 def test_a_line_says_what_would_be_right(here: Path) -> None:
     assert "did you mean members" in refused(here, "+model.member=3", words=("model.member",))
-    assert "did you mean towers" in refused(here, "+tower=3", words=("tower",))
-    assert "8" in refused(here, "towers=5", words=("towers",))
+    assert "did you mean plans" in refused(here, "+plan=3", words=("plan",))
+    assert "8" in refused(here, "plans=5", words=("plans",))
     assert "lstm" in refused(here, "model=nonsense", words=("fcgn", "tgn"))
 
 
@@ -292,7 +292,7 @@ def test_a_good_block_file_works(here: Path) -> None:
     """The cases above differ from this one by what is wrong with them alone."""
     block_file(here / "mine.csv")
     call(*TINY, "hydra.run.dir=run", "domain.training.file=mine.csv", "domain.evaluation.file=mine.csv").must_work()
-    placed = pd.read_parquet(here / "run" / "towers.parquet")
+    placed = pd.read_parquet(here / "run" / "plans.parquet")
     assert set(placed["block"]) <= {f"block_{i:02d}" for i in range(10)}
 
 

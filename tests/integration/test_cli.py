@@ -89,8 +89,8 @@ def test_without_a_directory_a_run_gets_one_named_by_what_it_is(here: Path) -> N
 def test_the_defaults_are_those_of_the_paper() -> None:
     with initialize_config_dir(config_dir(), version_base="1.3"):
         cfg = compose("config")
-    assert (cfg.towers, cfg.initial.train, cfg.initial.validation) == (400, 40, 40)
-    assert (cfg.acquisition.towers, cfg.acquisition.validation) == (10, 2)
+    assert (cfg.plans, cfg.initial.train, cfg.initial.validation) == (400, 40, 40)
+    assert (cfg.acquisition.plans, cfg.acquisition.validation) == (10, 2)
     assert cfg.model._target_ == "apf.models.EnsembleSettings"
     assert cfg.model.members == 10
     assert cfg.model.network._target_ == "apf.models.TowersGraphNetwork"
@@ -102,7 +102,7 @@ def test_the_defaults_are_those_of_the_paper() -> None:
     targets = {name: world["_target_"] for name, world in cfg.evaluation.worlds.items()}
     assert targets == {"analytic": "apf.towers.AnalyticWorld", "noisy": "apf.towers.NoisyWorld"}
     assert list(cfg.task) == ["tallest", "overhang", "unsupported"]
-    assert (cfg.evaluation.every, cfg.evaluation.problems, cfg.evaluation.blocks) == (100, 50, 5)
+    assert (cfg.evaluation.every, cfg.evaluation.problems, cfg.evaluation.length) == (100, 50, 5)
     assert cfg.planner.candidates == 100_000
     assert cfg.tracker.mode == "offline"
 
@@ -130,7 +130,7 @@ def test_help_lists_every_option(group: str) -> None:
 def test_help_of_the_label_command(here: Path) -> None:
     page = call("--help", command="apf.label").must_work().out
     assert "Usage" in page
-    assert "python -m apf.label towers=FILE out=FILE" in page
+    assert "python -m apf.label plans=FILE out=FILE" in page
     for word in ("tower, position, block", "tower, position, label", "world", "noisy", "seed"):
         assert word in page
     assert list(here.iterdir()) == []
@@ -148,14 +148,14 @@ def test_cfg_job_shows_what_would_run(here: Path) -> None:
     result = call("--cfg", "job", "+experiment=smoke", "sampler=greedy", "seed=5").must_work()
     shown = yaml.safe_load(result.out)
     assert shown["seed"] == 5
-    assert shown["towers"] == 40
+    assert shown["plans"] == 40
     assert shown["sampler"]["candidates"]["_target_"] == "apf.acquisition.GreedyExtensions"
     assert list(here.iterdir()) == []
 
 
 def test_cfg_job_of_the_label_command(here: Path) -> None:
-    result = call("--cfg", "job", "towers=a.csv", "out=b.csv", "world=noisy", command="apf.label").must_work()
+    result = call("--cfg", "job", "plans=a.csv", "out=b.csv", "world=noisy", command="apf.label").must_work()
     shown = yaml.safe_load(result.out)
-    assert shown["towers"] == "a.csv"
+    assert shown["plans"] == "a.csv"
     assert shown["world"]["noise"] == 0.003
     assert list(here.iterdir()) == []

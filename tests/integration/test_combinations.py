@@ -24,7 +24,7 @@ WORLDS = ["analytic", "noisy"]
 
 def composed(*overrides: str) -> DictConfig:
     with initialize_config_dir(config_dir(), version_base="1.3"):
-        return compose("config", [*overrides, *TINY, "towers=10"])
+        return compose("config", [*overrides, *TINY, "plans=10"])
 
 
 def run(cfg: DictConfig, directory: Path) -> Store:
@@ -80,7 +80,7 @@ def test_combination(model: str, sampler: str, world: str, tmp_path: Path) -> No
     cfg = composed(f"model={model}", f"sampler={sampler}", f"world={world}")
     store = run(cfg, tmp_path)
     must_have_run(store, cfg)
-    lengths = store.towers().query("step == 1").groupby("tower").size()
+    lengths = store.plans().query("step == 1").groupby("tower").size()
     assert lengths.between(2, 5).all()
     if sampler == "greedy":
         assert (lengths == 5).all()

@@ -226,7 +226,7 @@ def test_run_yaml_decides_nothing(foreign: Path, calls: list[str], key: str, val
 @pytest.mark.parametrize("where", ["domain", "domain/training", "domain/training/file", "domain/offset"])
 def test_a_correction_calls_nothing_either(foreign: Path, calls: list[str], where: str) -> None:
     edit(foreign, "config.yaml", where, {"_target_": "pandas.read_pickle", "filepath_or_buffer": "evil.pkl"})
-    line = call("run=run", "tower=0", "labels=0", command="apf.relabel").must_refuse(where.replace("/", "."))
+    line = call("run=run", "plan=0", "labels=0", command="apf.relabel").must_refuse(where.replace("/", "."))
     assert "pandas.read_pickle" in line
     assert calls == []
 
@@ -243,7 +243,7 @@ def test_files_that_the_config_names_are_not_read(foreign: Path) -> None:
     ("name", "key"),
     [
         *(("run.yaml", key) for key in ("id", "name", "sweep", "blocks", "finished", "files", "versions", "seconds")),
-        *(("config.yaml", key) for key in ("towers", "initial", "acquisition", "seed", "world", "task", "threads")),
+        *(("config.yaml", key) for key in ("plans", "initial", "acquisition", "seed", "world", "task", "threads")),
     ],
 )
 def test_what_was_edited_by_hand(foreign: Path, name: str, key: str, value: Any) -> None:
@@ -253,11 +253,11 @@ def test_what_was_edited_by_hand(foreign: Path, name: str, key: str, value: Any)
     if value is ...:
         del content[key]
     (foreign / name).write_text(yaml.safe_dump(content, sort_keys=False))
-    for arguments in (("resume=run",), (*TINY, "hydra.run.dir=run"), (*TINY, "towers=14", "hydra.run.dir=run")):
+    for arguments in (("resume=run",), (*TINY, "hydra.run.dir=run"), (*TINY, "plans=14", "hydra.run.dir=run")):
         result = call(*arguments)
         if result.code:
             assert key in (line := result.must_refuse()) or "is the journal of run" in line
-    relabelled = call("run=run", "tower=0", "labels=0", command="apf.relabel")
+    relabelled = call("run=run", "plan=0", "labels=0", command="apf.relabel")
     if relabelled.code:
         relabelled.must_refuse()
 
@@ -284,7 +284,7 @@ ALIAS = "a: &a [x, x, x, x, x, x, x, x]\nb: &b [*a, *a, *a, *a, *a, *a, *a, *a]\
 def test_yaml_that_is_more_than_values(foreign: Path, calls: list[str], name: str, text: str) -> None:
     (foreign / name).write_text(text)
     must_be_refused(foreign, name)
-    call("run=run", "tower=0", "labels=0", command="apf.relabel").must_refuse(name)
+    call("run=run", "plan=0", "labels=0", command="apf.relabel").must_refuse(name)
     assert calls == []
 
 
@@ -306,7 +306,7 @@ def test_a_module_in_the_directory_is_not_imported(foreign: Path, monkeypatch: p
     monkeypatch.chdir(foreign)
     call("resume=.").must_refuse(place, target)
     if place == "domain":
-        call(f"run={foreign}", "tower=0", "labels=0", command="apf.relabel").must_refuse("domain", target)
+        call(f"run={foreign}", "plan=0", "labels=0", command="apf.relabel").must_refuse("domain", target)
     assert "trap" not in sys.modules
     assert not (foreign / "sprung").exists()
 
@@ -330,26 +330,26 @@ def test_ones_own_classes_go_on_with_the_same_command(
     monkeypatch.syspath_prepend(str(folder))
     given = ("world._target_=my_notions.Earthquake", "~world.noise", "+world.highest=2")
     call(*TINY, *given, "hydra.run.dir=run").must_work()
-    call("resume=run", "towers=14").must_work()
+    call("resume=run", "plans=14").must_work()
     edit(here / "run", "config.yaml", "world/_target_", "my_notions.Widest")
     must_be_refused(here / "run", "world._target_", "my_notions.Widest", "apf.domain.world.World")
     edit(here / "run", "config.yaml", "world/_target_", "my_notions.np.load")
     must_be_refused(here / "run", "world._target_", "my_notions.np.load")
 
 
-@pytest.mark.parametrize("name", ["run.log", "journal.jsonl", "weights", "figures", "towers.parquet", "run.yaml"])
+@pytest.mark.parametrize("name", ["run.log", "journal.jsonl", "weights", "figures", "plans.parquet", "run.yaml"])
 def test_links_do_not_lead_out(foreign: Path, name: str) -> None:
     """What a run writes, it writes in its directory."""
     mine = foreign.parent / "mine"
     (foreign / name).rename(mine) if (foreign / name).exists() else mine.mkdir()
     (foreign / name).symlink_to(mine)
     call("resume=run").must_refuse(name, "link")
-    call("run=run", "tower=0", "labels=0", command="apf.relabel").must_refuse(name, "link")
+    call("run=run", "plan=0", "labels=0", command="apf.relabel").must_refuse(name, "link")
 
 
 @pytest.mark.parametrize("command", ["apf.label", "apf.panda.show"])
 def test_the_other_commands_are_guarded_too(here: Path, calls: list[str], command: str) -> None:
-    word = "tower" if command.endswith("show") else "towers"
+    word = "tower" if command.endswith("show") else "plans"
     for given in ("world._target_=pandas.read_pickle", "+world.more={_target_:pandas.read_pickle}"):
         call(
             f"{word}=mine.csv", "out=out.mp4" if word == "tower" else "out=out.csv", given, command=command

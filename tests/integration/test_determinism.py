@@ -15,7 +15,7 @@ from apf.rundir.store import Store
 from apf.towers import BlockSource, NoisyWorld, write_blocks
 from integration.command_line import SMOKE, TINY, Result, call, child_environment, spawn
 
-TABLES = ("regret", "accuracy", "towers")
+TABLES = ("regret", "accuracy", "plans")
 
 
 def must_be_equal(one: Path, other: Path) -> None:
@@ -39,7 +39,7 @@ def test_the_same_seed_in_another_process(smoke: tuple[Path, Result], tmp_path: 
 @pytest.mark.slow
 def test_another_seed_differs(smoke: tuple[Path, Result], here: Path) -> None:
     call(*SMOKE, "seed=1", "hydra.run.dir=run").must_work()
-    one, other = (pd.read_parquet(run / "towers.parquet") for run in (smoke[0], here / "run"))
+    one, other = (pd.read_parquet(run / "plans.parquet") for run in (smoke[0], here / "run"))
     assert not set(one["x"]) & set(other["x"]) - {0.0}, "no placement comes twice"
     for path in (smoke[0] / "weights").iterdir():
         assert path.read_bytes() != (here / "run" / "weights" / path.name).read_bytes()
@@ -47,7 +47,7 @@ def test_another_seed_differs(smoke: tuple[Path, Result], here: Path) -> None:
 
 @pytest.mark.slow
 def test_problems_are_the_same_for_all_seeds(smoke: tuple[Path, Result], here: Path) -> None:
-    call(*SMOKE, "seed=1", "towers=20", "hydra.run.dir=run").must_work()
+    call(*SMOKE, "seed=1", "plans=20", "hydra.run.dir=run").must_work()
     one, other = (pd.read_parquet(run / "regret.parquet") for run in (smoke[0], here / "run"))
     one = one[one["step"] == 1]
     assert len(other) == len(one)
@@ -67,7 +67,7 @@ def test_a_killed_process_goes_on_with_the_same_command(smoke: tuple[Path, Resul
                 break
     assert process.returncode == -signal.SIGKILL
     run = tmp_path / "run"
-    assert not (run / "towers.parquet").exists(), "it was to be killed midway"
+    assert not (run / "plans.parquet").exists(), "it was to be killed midway"
     before = (run / "config.yaml").read_bytes()
     spawn(["-m", "apf.main", *SMOKE, "hydra.run.dir=run"], cwd=tmp_path).must_work()
     must_be_equal(smoke[0], run)
@@ -170,11 +170,11 @@ def test_a_block_file_that_changed_since_does_not_change_what_was_labelled(
         dies(Store, "record_evaluation", 1, after=True)(patch)
         with pytest.raises(Killed):
             call(*command)
-    before = pd.read_parquet(here / "run" / "towers.parquet")
+    before = pd.read_parquet(here / "run" / "plans.parquet")
     assert len(before)
     write_blocks(BlockSource(seed=6).load(), here / "blocks.csv")
     result = call(*command)
     if result.code:
         result.must_refuse("blocks.csv")
-    after = pd.read_parquet(here / "run" / "towers.parquet")
+    after = pd.read_parquet(here / "run" / "plans.parquet")
     pd.testing.assert_frame_equal(before, after.iloc[: len(before)], check_exact=True)

@@ -13,7 +13,7 @@ pytestmark = pytest.mark.usefixtures("no_figures")
 
 def tables(run: Path) -> dict[str, pd.DataFrame]:
     """The tables of a run, by name."""
-    return {name: pd.read_parquet(run / f"{name}.parquet") for name in ("towers", "regret", "accuracy")}
+    return {name: pd.read_parquet(run / f"{name}.parquet") for name in ("plans", "regret", "accuracy")}
 
 
 @pytest.mark.parametrize("model", ["tgn", "fcgn", "lstm"])
@@ -30,12 +30,12 @@ def test_a_run_on_a_gpu_does_what_one_on_a_cpu_does(here: Path, model: str) -> N
 
 def test_a_run_that_began_on_one_device_goes_on_on_another(here: Path) -> None:
     with pretend_gpu():
-        call(*TINY, "towers=10", "hydra.run.dir=run").must_work()
+        call(*TINY, "plans=10", "hydra.run.dir=run").must_work()
     before = tables(here / "run")
-    call("resume=run", "towers=12", "device=cpu").must_work()
+    call("resume=run", "plans=12", "device=cpu").must_work()
     with pretend_gpu():
-        call("resume=run", "towers=14").must_work()
+        call("resume=run", "plans=14").must_work()
     after = tables(here / "run")
-    assert after["towers"]["tower"].max() == 13
+    assert after["plans"]["tower"].max() == 13
     for name, table in before.items():
         pd.testing.assert_frame_equal(after[name][after[name]["step"] < 2].reset_index(drop=True), table)

@@ -36,11 +36,11 @@ def config_of(run: Path) -> dict:
 
 def must_be_finished(run: Path) -> None:
     assert yaml.safe_load((run / "run.yaml").read_text())["finished"] is True
-    assert (run / "towers.parquet").exists()
+    assert (run / "plans.parquet").exists()
 
 
 def must_be_equal(one: Path, other: Path) -> None:
-    for name in ("towers", "regret", "accuracy"):
+    for name in ("plans", "regret", "accuracy"):
         tables = [pd.read_parquet(run / f"{name}.parquet") for run in (one, other)]
         pd.testing.assert_frame_equal(*tables, check_exact=True)
 
@@ -69,7 +69,7 @@ def test_a_sweep_hands_on_what_was_typed(here: Path, monkeypatch: pytest.MonkeyP
     """A block file whose name comes from the environment, with symbols of the override grammar."""
     write_blocks(BlockSource(seed=5).load(), here / "my, [blocks].csv")
     monkeypatch.setenv("BLOCKS", "my, [blocks].csv")
-    call("-m", *TINY, "towers=8", "domain.training.file=${oc.env:BLOCKS}", "hydra.sweep.dir='a \\${b}'").must_work()
+    call("-m", *TINY, "plans=8", "domain.training.file=${oc.env:BLOCKS}", "hydra.sweep.dir='a \\${b}'").must_work()
     (config,) = (here / "a ${b}").glob("*/config.yaml")
     assert config_of(config.parent)["domain"]["training"]["file"] == "my, [blocks].csv"
 
@@ -78,7 +78,7 @@ def test_a_sweep_hands_on_what_was_typed(here: Path, monkeypatch: pytest.MonkeyP
 def test_a_directory_of_any_name(here: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
     stopped(monkeypatch, f"hydra.run.dir={quoted(Path('runs', name))}")
     assert [path.name for path in (here / "runs").iterdir()] == [name]
-    assert not (here / "runs" / name / "towers.parquet").exists()
+    assert not (here / "runs" / name / "plans.parquet").exists()
     call(f"resume=runs/{name}").must_work()
     must_be_finished(here / "runs" / name)
     assert [path.name for path in (here / "runs").iterdir()] == [name]
@@ -105,8 +105,8 @@ def test_a_directory_that_was_moved(here: Path, monkeypatch: pytest.MonkeyPatch)
     call("resume=moved run").must_work()
     must_be_equal(here / "moved run", here / "moved whole")
     assert config_of(here / "moved run")["domain"]["training"]["file"] == "blocks.csv"
-    labels = "0" if pd.read_parquet(here / "moved run" / "towers.parquet")["label"].iloc[1] == 1 else "1"
-    call("run=moved run", "tower=0", f"labels='1{labels}'", command="apf.relabel").must_work()
+    labels = "0" if pd.read_parquet(here / "moved run" / "plans.parquet")["label"].iloc[1] == 1 else "1"
+    call("run=moved run", "plan=0", f"labels='1{labels}'", command="apf.relabel").must_work()
 
 
 def test_block_sets_are_those_that_it_began_with(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -118,7 +118,7 @@ def test_block_sets_are_those_that_it_began_with(here: Path, monkeypatch: pytest
     before = kept.read_bytes()
     shutil.copy(here / "blocks.csv", kept)
     call("resume=run").must_refuse("training_blocks.csv", "was changed")
-    call("run=run", "tower=0", "labels=0", command="apf.relabel").must_refuse("training_blocks.csv", "was changed")
+    call("run=run", "plan=0", "labels=0", command="apf.relabel").must_refuse("training_blocks.csv", "was changed")
     kept.write_bytes(before)
     call("resume=run").must_work()
 
@@ -180,16 +180,16 @@ def test_groups_of_a_folder_of_ones_own(here: Path, monkeypatch: pytest.MonkeyPa
         monkeypatch.chdir(here / "elsewhere")
         return call("resume=../run", *arguments)
 
-    resume("towers=14", "tracker=mine", "--config-dir=../conf").must_work()
-    resume("towers=16", "hydra.searchpath=[file://../conf]", "tracker=mine").must_work()
+    resume("plans=14", "tracker=mine", "--config-dir=../conf").must_work()
+    resume("plans=16", "hydra.searchpath=[file://../conf]", "tracker=mine").must_work()
     resume("tracker=mine").must_refuse("tracker", "mine")
     resume("+preset=small", "--config-dir=../conf").must_refuse("evaluation.problems")
     shutil.rmtree(here / "conf")
-    resume("towers=18").must_work()
-    assert config_of(here / "run")["towers"] == 18
+    resume("plans=18").must_work()
+    assert config_of(here / "run")["plans"] == 18
 
 
-NOT_NUMBERS = ["towers='12'", "initial.train='4'", "seed=true", "world.noise='0.003'", "evaluation.lengths=['2']"]
+NOT_NUMBERS = ["plans='12'", "initial.train='4'", "seed=true", "world.noise='0.003'", "evaluation.lengths=['2']"]
 
 
 @pytest.mark.parametrize(

@@ -20,7 +20,7 @@ pytestmark = pytest.mark.usefixtures("no_figures")
 
 MINE = (
     *("training_blocks.csv", "evaluation_blocks.csv", "run.yaml", "config.yaml", "journal.jsonl", "run.log", "lock"),
-    *("towers.parquet", "regret.parquet", "accuracy.parquet", "world.parquet"),
+    *("plans.parquet", "regret.parquet", "accuracy.parquet", "world.parquet"),
     *("weights/step_0001.safetensors", "figures/regret.png"),
 )
 
@@ -103,7 +103,7 @@ def test_a_start_that_was_killed_is_no_foreigner(here: Path) -> None:
             call(*TINY, "seed=7", f"hydra.run.dir={folder.name}").must_refuse("run.yaml is there already")
             assert contents(folder) == before
         call(*TINY, f"hydra.run.dir={folder.name}").must_work()
-        for name in ("towers.parquet", "regret.parquet", "accuracy.parquet"):
+        for name in ("plans.parquet", "regret.parquet", "accuracy.parquet"):
             assert (folder / name).read_bytes() == whole[run / name]
         assert not list(folder.glob(".*"))
 
@@ -113,8 +113,8 @@ def test_a_lock_that_is_a_link_stops_a_resume_too(here: Path) -> None:
     (here / "mine.txt").write_text("mine")
     (here / "run" / "lock").unlink()
     (here / "run" / "lock").symlink_to(here / "mine.txt")
-    call("resume=run", "towers=14").must_refuse("lock is a link out of the run directory")
-    call("run=run", "tower=0", "labels=0", command="apf.relabel").must_refuse("lock is a link")
+    call("resume=run", "plans=14").must_refuse("lock is a link out of the run directory")
+    call("run=run", "plan=0", "labels=0", command="apf.relabel").must_refuse("lock is a link")
     assert (here / "mine.txt").read_text() == "mine"
 
 
@@ -143,7 +143,7 @@ def test_a_finished_run_whose_journal_is_damaged_says_so(finished: Path) -> None
         for arguments, command in (
             (("resume=run",), "apf.main"),
             ((*TINY, "hydra.run.dir=run"), "apf.main"),
-            (("run=run", "tower=0", "labels=0"), "apf.relabel"),
+            (("run=run", "plan=0", "labels=0"), "apf.relabel"),
         ):
             assert words in call(*arguments, command=command).err.splitlines()[-1]
         assert finished.read_bytes() == b"".join(wrong)
@@ -169,9 +169,9 @@ def test_what_was_torn_is_kept_and_told(finished: Path) -> None:
     assert line in result.err
     assert line in finished.with_name("run.log").read_text()
     assert finished.with_name("journal.torn-1.jsonl").read_bytes() == lines[-1][:-9]
-    assert "journal was torn" not in call("resume=run", "towers=14").must_work().err
+    assert "journal was torn" not in call("resume=run", "plans=14").must_work().err
     finished.write_bytes(finished.read_bytes() + b'{"kind": "correc')
-    result = call("run=run", "tower=0", "labels=0", command="apf.relabel").must_work()
+    result = call("run=run", "plan=0", "labels=0", command="apf.relabel").must_work()
     assert "journal.torn-2.jsonl" in result.err
 
 
@@ -182,10 +182,10 @@ def test_going_on_with_other_versions_says_so(finished: Path, monkeypatch: pytes
     kept = yaml.safe_load(finished.with_name("run.yaml").read_text())["versions"]
     assert kept == apf.rundir.versions.versions()
     assert torch.backends.cpu.get_cpu_capability() in kept["cpu"]
-    assert "begun with" not in call("resume=run", "towers=14").must_work().err
+    assert "begun with" not in call("resume=run", "plans=14").must_work().err
     now = {**kept, "torch": "9.9.9", "cpu": "riscv64 DEFAULT"}
     monkeypatch.setattr(apf.rundir.versions, "versions", lambda: now)
-    result = call("resume=run", "towers=16").must_work()
+    result = call("resume=run", "plans=16").must_work()
     (line,) = [line for line in result.err.splitlines() if line.startswith("begun with")]
     for word in (f"torch {kept['torch']} (now 9.9.9)", f"cpu {kept['cpu']} (now riscv64 DEFAULT)"):
         assert word in line
@@ -235,7 +235,7 @@ def test_a_finished_run_of_another_user_returns_at_once(read_only: Path) -> None
     before = contents(read_only)
     for arguments in ((*TINY, "hydra.run.dir=run"), ("resume=run",)):
         assert "holds this run already, finished" in call(*arguments).must_work().err
-    call("resume=run", "towers=14").must_refuse("Permission denied")
+    call("resume=run", "plans=14").must_refuse("Permission denied")
     assert contents(read_only) == before
 
 

@@ -65,7 +65,7 @@ def run(tiny_run: Path, tmp_path: Path) -> Path:
 def readers(run: Path) -> Iterator[tuple[str, Callable[[], Any]]]:
     """What reads a run directory, with what it does."""
     config, domain = yaml.safe_load((run / "config.yaml").read_text()), domain_of(run)
-    longer = {**config, "towers": config["towers"] + 2}
+    longer = {**config, "plans": config["plans"] + 2}
 
     def analyse() -> None:
         runs, _ = find_runs([run])
@@ -115,7 +115,7 @@ def test_every_key_given_all_values(run: Path, file: str, read: Callable[[Path],
             if not told(error, run / file, key):
                 complaints.append(f"{key} {kind}: {error}")
     assert complaints == []
-    needed = NEEDED_TO_GO_ON if file == "run.yaml" else ("towers", "initial", "acquisition.towers", "model", "task")
+    needed = NEEDED_TO_GO_ON if file == "run.yaml" else ("plans", "initial", "acquisition.plans", "model", "task")
     assert {(key, "gone") for key in needed} <= refused
     assert {(key, "list") for key in needed} <= refused
 
@@ -127,7 +127,7 @@ def test_every_reader(run: Path, file: str, monkeypatch: pytest.MonkeyPatch) -> 
     begun = {name: (run / name).read_text() for name in ("run.yaml", "config.yaml")}
     complaints = []
     reading = list(readers(run))
-    keys = NEEDED_TO_GO_ON if file == "run.yaml" else ("towers", "initial", "acquisition.towers", "domain", "world")
+    keys = NEEDED_TO_GO_ON if file == "run.yaml" else ("plans", "initial", "acquisition.plans", "domain", "world")
     for key, kind, (who, read) in itertools.product(keys, ("gone", "null", "mapping of null"), reading):
         for name, text in begun.items():
             (run / name).write_text(text)
@@ -150,7 +150,7 @@ def missed(who: str, file: str) -> tuple[str, ...]:
     if file == "run.yaml":
         brief = {"analysis": NEEDED_ALWAYS, "the summary": NEEDED_ALWAYS, "relabel": ()}
         return brief.get(who, NEEDED_TO_GO_ON)
-    whole = ("towers", "initial", "acquisition", "model", "world", "sampler", "task")
+    whole = ("plans", "initial", "acquisition", "model", "world", "sampler", "task")
     return whole if who in ("resume", "relabel", "the same command again", "a longer run", "analysis") else ()
 
 
@@ -162,8 +162,8 @@ def missed(who: str, file: str) -> tuple[str, ...]:
         ("run.yaml", "choices", None, "choices is null"),
         ("run.yaml", "finished", "yes, it has", "finished is 'yes, it has'"),
         ("run.yaml", "seconds", "a minute", "seconds is 'a minute'"),
-        ("run.yaml", "files", ["towers.parquet"], "files is ['towers.parquet']"),
-        ("config.yaml", "towers", GONE, "towers is missing"),
+        ("run.yaml", "files", ["plans.parquet"], "files is ['plans.parquet']"),
+        ("config.yaml", "plans", GONE, "plans is missing"),
         ("config.yaml", "initial", GONE, "initial is missing"),
         ("config.yaml", "initial.train", None, "initial.train is null"),
         ("config.yaml", "world", "noisy", "world is 'noisy'"),
@@ -197,14 +197,14 @@ def test_a_file_that_is_no_mapping(run: Path, file: str, text: str) -> None:
 
 
 def test_relabel(run: Path) -> None:
-    table = pd.read_parquet(run / "towers.parquet")
+    table = pd.read_parquet(run / "plans.parquet")
     old = "".join("-" if pd.isna(label) else str(label) for label in table[table["tower"] == 9]["label"])
     new = "0" + "-" * (len(old) - 1) if old[0] == "1" else "1" * len(old)
     for file, key, value in (("config.yaml", "domain", None), ("config.yaml", "domain.training", 3)):
         kept = (run / file).read_text()
         edited(run, file, key, value)
         journal = (run / "journal.jsonl").read_bytes()
-        call(f"run={run}", "tower=9", f"labels='{new}'", command="apf.relabel").must_refuse(str(run / file), key)
+        call(f"run={run}", "plan=9", f"labels='{new}'", command="apf.relabel").must_refuse(str(run / file), key)
         assert (run / "journal.jsonl").read_bytes() == journal
         (run / file).write_text(kept)
 

@@ -54,7 +54,7 @@ def labels(table: pd.DataFrame) -> list[int | None]:
 @pytest.mark.parametrize("source", [".csv", ".parquet"])
 def test_towers_worked_by_hand(here: Path, source: str, into: str) -> None:
     write(by_hand(), here / f"towers{source}")
-    result = call(f"towers=towers{source}", "world=analytic", f"out=labels{into}", command="apf.label").must_work()
+    result = call(f"plans=towers{source}", "world=analytic", f"out=labels{into}", command="apf.label").must_work()
     table = read(here / f"labels{into}")
     assert list(table.columns) == ["tower", "position", "label"]
     assert table["tower"].tolist() == by_hand()["tower"].tolist()
@@ -67,7 +67,7 @@ def test_towers_worked_by_hand(here: Path, source: str, into: str) -> None:
 
 def test_csv_says_1_0_and_nothing(here: Path) -> None:
     write(by_hand(), here / "towers.csv")
-    call("towers=towers.csv", "out=labels.csv", command="apf.label").must_work()
+    call("plans=towers.csv", "out=labels.csv", command="apf.label").must_work()
     assert (here / "labels.csv").read_text() == (
         "tower,position,label\nstair,0,1\nstair,1,1\nstair,2,0\nleaning,0,1\nleaning,1,1\n"
         "fallen,0,1\nfallen,1,0\nfallen,2,\n"
@@ -83,7 +83,7 @@ def test_towers_keep_the_order_of_the_file(here: Path) -> None:
     table = table.sample(frac=1, random_state=0)
     table["tower"] = "t" + table["tower"].astype(str)
     write(table, here / "towers.csv")
-    call("towers=towers.csv", "out=labels.csv", command="apf.label").must_work()
+    call("plans=towers.csv", "out=labels.csv", command="apf.label").must_work()
     out = read(here / "labels.csv")
     assert out["tower"].drop_duplicates().tolist() == table["tower"].drop_duplicates().tolist()
     assert out.groupby("tower", sort=False)["position"].apply(lambda p: p.tolist() == list(range(len(p)))).all()
@@ -103,8 +103,8 @@ def test_towers_keep_the_order_of_the_file(here: Path) -> None:
 def test_towers_named_by_numbers_keep_them(here: Path) -> None:
     table = by_hand()
     table["tower"] = table["tower"].map({"stair": 7, "leaning": 3, "fallen": 5})
-    write(table, here / "towers.parquet")
-    call("towers=towers.parquet", "out=labels.parquet", command="apf.label").must_work()
+    write(table, here / "plans.parquet")
+    call("plans=plans.parquet", "out=labels.parquet", command="apf.label").must_work()
     out = read(here / "labels.parquet")
     assert out["tower"].tolist() == [7, 7, 7, 3, 3, 5, 5, 5]
     assert labels(out) == LABELS_BY_HAND
@@ -113,7 +113,7 @@ def test_towers_named_by_numbers_keep_them(here: Path) -> None:
 def test_headers_may_carry_units(here: Path) -> None:
     units = dict.fromkeys(["dim_x", "dim_y", "dim_z", "com_x", "com_y", "com_z", "x", "y", "z"], "m") | {"mass": "kg"}
     write(by_hand().rename(columns={name: f"{name} [{unit}]" for name, unit in units.items()}), here / "towers.csv")
-    call("towers=towers.csv", "out=labels.csv", command="apf.label").must_work()
+    call("plans=towers.csv", "out=labels.csv", command="apf.label").must_work()
     assert labels(read(here / "labels.csv")) == LABELS_BY_HAND
 
 
@@ -133,20 +133,20 @@ AS_PEOPLE_HAVE_THEM = {
 @pytest.mark.parametrize("kind", AS_PEOPLE_HAVE_THEM)
 def test_files_as_people_have_them(here: Path, kind: str) -> None:
     (here / "towers.csv").write_text(AS_PEOPLE_HAVE_THEM[kind](by_hand()), newline="")
-    result = call("towers=towers.csv", "out=labels.csv", command="apf.label").must_work()
+    result = call("plans=towers.csv", "out=labels.csv", command="apf.label").must_work()
     assert result.err == ""
     assert labels(read(here / "labels.csv")) == LABELS_BY_HAND
 
 
 def test_a_parquet_file_with_its_towers_as_the_index(here: Path) -> None:
-    by_hand().set_index(["tower", "position"]).to_parquet(here / "towers.parquet")
-    call("towers=towers.parquet", "out=labels.csv", command="apf.label").must_work()
+    by_hand().set_index(["tower", "position"]).to_parquet(here / "plans.parquet")
+    call("plans=plans.parquet", "out=labels.csv", command="apf.label").must_work()
     assert labels(read(here / "labels.csv")) == LABELS_BY_HAND
 
 
 def test_w_first_is_asked_about(here: Path) -> None:
     write(by_hand().assign(qx=1.0, qw=0.0), here / "towers.csv")
-    result = call("towers=towers.csv", "out=labels.csv", command="apf.label").must_work()
+    result = call("plans=towers.csv", "out=labels.csv", command="apf.label").must_work()
     (line,) = result.err.splitlines()
     assert "towers.csv" in line
     assert "was w written first?" in line
@@ -173,7 +173,7 @@ def test_a_million_rows(tmp_path: Path, ending: str, blocks: int) -> None:
         "code = subprocess.run([sys.executable, '-m', 'apf.label', *sys.argv[1:]]).returncode;"
         "print(time.monotonic() - start, resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss, code)"
     )
-    result = spawn(["-c", measure, f"towers=towers.{ending}", f"out=labels.{ending}"], cwd=tmp_path).must_work()
+    result = spawn(["-c", measure, f"plans=towers.{ending}", f"out=labels.{ending}"], cwd=tmp_path).must_work()
     said, measured = result.out.splitlines()
     assert said.endswith("200000 towers labelled, 100000 of them stand")
     seconds, kibibytes, code = map(float, measured.split())
@@ -196,7 +196,7 @@ def test_noise_comes_from_the_seed(here: Path) -> None:
     many(here / "towers.csv")
 
     def labelled(name: str, *overrides: str) -> list[int | None]:
-        arguments = ("towers=towers.csv", f"out={name}.csv", *overrides)
+        arguments = ("plans=towers.csv", f"out={name}.csv", *overrides)
         call(*arguments, command="apf.label").must_work()
         return labels(read(here / f"{name}.csv"))
 
@@ -212,20 +212,20 @@ def test_noise_comes_from_the_seed(here: Path) -> None:
 def test_an_existing_file_is_replaced(here: Path) -> None:
     write(by_hand(), here / "towers.csv")
     (here / "labels.csv").write_text("old")
-    call("towers=towers.csv", "out=labels.csv", command="apf.label").must_work()
+    call("plans=towers.csv", "out=labels.csv", command="apf.label").must_work()
     assert labels(read(here / "labels.csv")) == LABELS_BY_HAND
 
 
 def test_a_folder_for_the_labels_is_made(here: Path) -> None:
     write(by_hand(), here / "towers.csv")
-    call("towers=towers.csv", "out=new/folder/labels.csv", command="apf.label").must_work()
+    call("plans=towers.csv", "out=new/folder/labels.csv", command="apf.label").must_work()
     assert labels(read(here / "new" / "folder" / "labels.csv")) == LABELS_BY_HAND
 
 
 @pytest.mark.slow
 def test_in_a_process_of_its_own(tmp_path: Path) -> None:
     write(by_hand(), tmp_path / "towers.csv")
-    command = ["-m", "apf.label", "towers=towers.csv", "world=analytic", "out=labels.csv"]
+    command = ["-m", "apf.label", "plans=towers.csv", "world=analytic", "out=labels.csv"]
     result = spawn(command, cwd=tmp_path).must_work()
     assert result.err == ""
     assert labels(read(tmp_path / "labels.csv")) == LABELS_BY_HAND
@@ -265,32 +265,32 @@ def test_bad_tower_file(here: Path, case: str) -> None:
     for column, value in changes.items():
         table.loc[1, column] = value
     write(table, here / "mine.csv")
-    refused(here, "towers=mine.csv", "out=labels.csv", words=("mine.csv", *words))
+    refused(here, "plans=mine.csv", "out=labels.csv", words=("mine.csv", *words))
 
 
 @pytest.mark.parametrize("column", TOWER_COLUMNS)
 def test_missing_column(here: Path, column: str) -> None:
     write(by_hand().drop(columns=column), here / "mine.csv")
-    refused(here, "towers=mine.csv", "out=labels.csv", words=("mine.csv", f"column {column} is missing"))
+    refused(here, "plans=mine.csv", "out=labels.csv", words=("mine.csv", f"column {column} is missing"))
 
 
 def test_one_name_for_two_blocks(here: Path) -> None:
     table = by_hand()
     table.loc[3, "mass"] = 2.0
     write(table, here / "mine.csv")
-    refused(here, "towers=mine.csv", "out=labels.csv", words=("mine.csv", "row 5", "block a"))
+    refused(here, "plans=mine.csv", "out=labels.csv", words=("mine.csv", "row 5", "block a"))
 
 
 def test_files_that_are_none(here: Path) -> None:
     write(by_hand(), here / "good.csv")
     write(by_hand().iloc[:0], here / "empty.csv")
-    refused(here, "towers=nowhere.csv", "out=labels.csv", words=("nowhere.csv", "no such file"))
-    refused(here, "towers=empty.csv", "out=labels.csv", words=("empty.csv", "no towers"))
-    refused(here, "towers=good.txt", "out=labels.csv", words=("good.txt", ".csv"))
-    refused(here, "towers=good.csv", "out=labels.txt", words=("labels.txt", ".parquet"))
-    refused(here, "towers=good.csv", "out=good.csv/labels.csv", words=("good.csv/labels.csv",))
+    refused(here, "plans=nowhere.csv", "out=labels.csv", words=("nowhere.csv", "no such file"))
+    refused(here, "plans=empty.csv", "out=labels.csv", words=("empty.csv", "no towers"))
+    refused(here, "plans=good.txt", "out=labels.csv", words=("good.txt", ".csv"))
+    refused(here, "plans=good.csv", "out=labels.txt", words=("labels.txt", ".parquet"))
+    refused(here, "plans=good.csv", "out=good.csv/labels.csv", words=("good.csv/labels.csv",))
     (here / "folder.csv").mkdir()
-    refused(here, "towers=good.csv", "out=folder.csv", words=("folder.csv",))
+    refused(here, "plans=good.csv", "out=folder.csv", words=("folder.csv",))
     assert list((here / "folder.csv").iterdir()) == []
 
 
@@ -298,15 +298,15 @@ def test_files_that_are_none(here: Path) -> None:
     ("overrides", "words"),
     [
         ((), ("out", "missing")),
-        (("out=b.csv",), ("towers", "missing")),
-        (("towers=a.csv",), ("out", "missing")),
-        (("towers=a.csv", "out=b.csv", "world=nonsense"), ("world", "analytic", "noisy")),
-        (("towers=a.csv", "out=b.csv", "world=noisy", "world.noise=-1"), ("world.noise",)),
-        (("towers=a.csv", "out=b.csv", "+nonsense=1"), ("nonsense",)),
-        (("towers=a.csv", "out=b.csv", "++world.nonsense=1"), ("world.nonsense",)),
-        (("towers=a.csv", "out=b.csv", "nonsense=1"), ("nonsense",)),
-        (("towers=a.csv", "out=b.csv", "seed=-1"), ("seed",)),
-        (("towers=[1,2]", "out=b.csv"), ("towers",)),
+        (("out=b.csv",), ("plans", "missing")),
+        (("plans=a.csv",), ("out", "missing")),
+        (("plans=a.csv", "out=b.csv", "world=nonsense"), ("world", "analytic", "noisy")),
+        (("plans=a.csv", "out=b.csv", "world=noisy", "world.noise=-1"), ("world.noise",)),
+        (("plans=a.csv", "out=b.csv", "+nonsense=1"), ("nonsense",)),
+        (("plans=a.csv", "out=b.csv", "++world.nonsense=1"), ("world.nonsense",)),
+        (("plans=a.csv", "out=b.csv", "nonsense=1"), ("nonsense",)),
+        (("plans=a.csv", "out=b.csv", "seed=-1"), ("seed",)),
+        (("plans=[1,2]", "out=b.csv"), ("plans",)),
     ],
 )
 def test_bad_options(here: Path, overrides: tuple[str, ...], words: tuple[str, ...]) -> None:

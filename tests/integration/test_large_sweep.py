@@ -66,7 +66,7 @@ def test_finished_jobs_are_found_without_composing_each(here: Path, finished_run
 
 
 def test_each_choice_of_a_group_is_composed_once(here: Path, composed: list) -> None:
-    result = call("-m", *TINY, "towers=1", "seed=range(5)", "sampler=greedy,sequential", "model=tgn,lstm")
+    result = call("-m", *TINY, "plans=1", "seed=range(5)", "sampler=greedy,sequential", "model=tgn,lstm")
     assert len(composed) == 4
     names = [name.rpartition("-")[0] for name in states(result)]
     assert sorted(names) == sorted(
@@ -81,10 +81,10 @@ def test_each_choice_of_a_group_is_composed_once(here: Path, composed: list) -> 
 def test_each_refused_job_says_what_is_wrong_with_it(here: Path, finished_run: Path) -> None:
     """Whether or not an earlier job had the same parts, all of them right."""
     multiply(finished_run, here / "runs", 1)
-    command = ("-m", *TINY, "hydra.sweep.dir=runs", "seed=0,-1,abc", "evaluation.blocks=2,99")
+    command = ("-m", *TINY, "hydra.sweep.dir=runs", "seed=0,-1,abc", "evaluation.length=2,99")
     lines = [line for line in call(*command).err.splitlines() if "-seed" in line]
     seeds = ["seed is -1;", "seed is 'abc';"]
-    right = ["already finished", *seeds, "evaluation.blocks: towers of 99 blocks", *seeds]
+    right = ["already finished", *seeds, "evaluation.length: towers of 99 blocks", *seeds]
     for line, words in zip(lines, right, strict=True):
         assert words in line
     assert call(*command, "+typo=1").err.count("typo: there is no such key") == 2

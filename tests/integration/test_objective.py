@@ -28,9 +28,9 @@ REGRET = pd.DataFrame(
         (2, 12, "overhang", "noisy", math.nan, False),
         (2, 12, "tallest", "analytic", 0.0, True),
     ],
-    columns=["step", "towers", "task", "world", "regret", "feasible"],
+    columns=["step", "plans", "task", "world", "regret", "feasible"],
 )
-ACCURACY = pd.DataFrame([(1, 10, 2, 0.5), (2, 12, 2, 0.75)], columns=["step", "towers", "length", "accuracy"])
+ACCURACY = pd.DataFrame([(1, 10, 2, 0.5), (2, 12, 2, 0.75)], columns=["step", "plans", "length", "accuracy"])
 
 
 def test_figures_of_an_evaluation() -> None:
@@ -107,7 +107,7 @@ def test_a_figure_that_there_is_not(here: Path, objective: str, words: tuple[str
 
 
 def test_where_nothing_is_evaluated(here: Path) -> None:
-    nothing = ("evaluation.problems=0", "evaluation.test_towers=0")
+    nothing = ("evaluation.problems=0", "evaluation.test_plans=0")
     call(*TINY, *nothing, "objective=accuracy/2").must_refuse("accuracy/2", "there are: none")
 
 
@@ -132,7 +132,7 @@ def optuna() -> None:
 @pytest.mark.usefixtures("optuna")
 def test_a_sweep_by_optuna(tmp_path: Path) -> None:
     """Three trials, each a run of its own; the same command again finds them all, and the same best one."""
-    command = ["-m", "apf.main", *OPTUNA, *TINY, "hydra.sweeper.n_trials=3", "evaluation.test_towers=40"]
+    command = ["-m", "apf.main", *OPTUNA, *TINY, "hydra.sweeper.n_trials=3", "evaluation.test_plans=40"]
     command += ["training.learning_rate=tag(log,interval(1e-4,1e-1))", "hydra.sweeper.direction=maximize"]
     command += ["objective=accuracy/2", "sweep=best"]
     spawn(command, cwd=tmp_path).must_work()

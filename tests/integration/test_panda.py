@@ -20,7 +20,7 @@ from apf.panda import PandaWorld
 from apf.towers import BlockSet, NoisyWorld, Towers, write_blocks, write_towers
 from integration.command_line import CONF, TINY, call, child_environment, spawn
 
-ROBOT = (*TINY, "world=panda", "sampler=incremental", "towers=11", "evaluation.every=9")
+ROBOT = (*TINY, "world=panda", "sampler=incremental", "plans=11", "evaluation.every=9")
 """Eight initial towers, then three by the robot, in two acquisitions."""
 TIMES = ["wall", "processor", "planning"]
 
@@ -28,7 +28,7 @@ TIMES = ["wall", "processor", "planning"]
 def reports(run: Path) -> list[tuple[int, dict]]:
     """(tower, report) of every label in a run's journal that has one."""
     records = [json.loads(line) for line in (run / "journal.jsonl").read_text().splitlines() if line.endswith("}")]
-    return [(record["tower"], record["report"]) for record in records if "report" in record]
+    return [(record["plan"], record["report"]) for record in records if "report" in record]
 
 
 @pytest.mark.slow
@@ -46,7 +46,7 @@ def test_a_killed_run_ends_as_one_that_was_not(tmp_path: Path) -> None:
         process.send_signal(signal.SIGKILL)
     assert len(reports(stopped)) < 3
     spawn(["-m", "apf.main", f"resume={stopped}"], cwd=tmp_path, PYTHONHASHSEED="7").must_work()
-    for name in ("towers", "regret", "accuracy", "world"):
+    for name in ("plans", "regret", "accuracy", "world"):
         one, other = (pd.read_parquet(run / f"{name}.parquet") for run in (whole, stopped))
         times = [column for column in TIMES if column in one]
         pd.testing.assert_frame_equal(one.drop(columns=times), other.drop(columns=times), check_exact=True)
@@ -69,7 +69,7 @@ def test_the_paper_s_experiment_is_the_default() -> None:
         config = validate(compose("config", ["world=panda", "sampler=incremental"]))
     assert isinstance(config.world.initial_world, NoisyWorld)
     assert config.sampler.initial.max == 2
-    assert (config.initial.train, config.acquisition.towers, config.towers) == (40, 10, 400)
+    assert (config.initial.train, config.acquisition.plans, config.plans) == (40, 10, 400)
     assert config.domain.training_blocks.dims.max() <= 0.075
     assert config.domain.evaluation_blocks.dims.max() <= 0.075
 
@@ -123,7 +123,7 @@ def tower_file(here: Path, graspable: BlockSet) -> Path:
 @pytest.mark.slow
 def test_a_film_and_its_stills(tower_file: Path, here: Path) -> None:
     small = ("camera.width=64", "camera.height=48", "camera.fps=5")
-    result = call(f"tower={tower_file}", "out=film.mp4", *small, command="apf.panda.show").must_work()
+    result = call(f"plan={tower_file}", "out=film.mp4", *small, command="apf.panda.show").must_work()
     assert result.out == "film.mp4, film.png: stood, labels 1 1\n"
     assert imageio.imread("film.png").shape == (48, 3 * 64, 3)
     frames = list(imageio.get_reader("film.mp4").iter_data())
@@ -138,7 +138,7 @@ def test_a_film_and_its_stills(tower_file: Path, here: Path) -> None:
         (("out=film.avi",), ("film.avi", ".mp4 or .gif")),
         (("number=2",), ("number=2", "2 towers")),
         (("number=1",), ("block", "from the robot; it reaches")),
-        (("tower=none.csv",), ("none.csv", "no such file")),
+        (("plan=none.csv",), ("none.csv", "no such file")),
         (("world=noisy",), ("world.gui", "no such key")),
         (("gui=true",), ("gui=true", "display")),
     ],
@@ -147,14 +147,14 @@ def test_show_refuses(
     arguments: tuple[str, ...], words: tuple[str, ...], tower_file: Path, here: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("DISPLAY", raising=False)
-    call(f"tower={tower_file}", *arguments, command="apf.panda.show").must_refuse(*words)
+    call(f"plan={tower_file}", *arguments, command="apf.panda.show").must_refuse(*words)
     assert {path.name for path in here.iterdir()} == {"towers.csv"}
 
 
 def test_label_asks_the_robot(here: Path, graspable: BlockSet) -> None:
     wide = BlockSet(("wide",), np.full((1, 3), 0.1), np.zeros((1, 3)), np.ones(1))
     write_towers(Towers(wide, np.zeros((1, 1), int), np.zeros((1, 1), int), np.zeros((1, 1, 2))), "wide.csv")
-    call("towers=wide.csv", "out=out.csv", "world=panda", command="apf.label").must_refuse("block wide", "0.100 m")
+    call("plans=wide.csv", "out=out.csv", "world=panda", command="apf.label").must_refuse("block wide", "0.100 m")
 
 
 @pytest.mark.slow
@@ -162,7 +162,7 @@ def test_a_chosen_tower_is_built_by_the_robot_for_its_reward(here: Path, graspab
     write_blocks(graspable, "blocks.csv")
     call(
         *TINY,
-        "towers=8",
+        "plans=8",
         "+world@evaluation.worlds.panda=panda",
         "domain.evaluation.file=blocks.csv",
         "task=[tallest]",

@@ -75,7 +75,7 @@ def test_own_sampler_and_world(plugin: Path, tmp_path: Path) -> None:
     spawn(["-m", "apf.main", *overrides(plugin), *chosen], cwd=tmp_path, PYTHONPATH=path).must_work()
     state = yaml.safe_load((tmp_path / "run" / "run.yaml").read_text())
     assert (state["choices"]["sampler"], state["choices"]["world"]) == ("widest", "quake")
-    towers = pd.read_parquet(tmp_path / "run" / "towers.parquet")
+    towers = pd.read_parquet(tmp_path / "run" / "plans.parquet")
     for _, tower in towers.groupby("tower"):
         expected = [1, 1, 0, *[None] * 3][: len(tower)]
         assert [None if label is pd.NA else label for label in tower["label"]] == expected

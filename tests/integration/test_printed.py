@@ -52,10 +52,10 @@ def test_a_finished_run_and_a_refused_one(odd_run: tuple[Path, str, str]) -> Non
 
 def test_relabel_and_resume(odd_run: tuple[Path, str, str], tmp_path: Path) -> None:
     folder = shutil.copytree(odd_run[0], tmp_path / ODD)
-    table = pd.read_parquet(folder / "towers.parquet")
+    table = pd.read_parquet(folder / "plans.parquet")
     old = "".join("-" if pd.isna(label) else str(label) for label in table[table["tower"] == 9]["label"])
     new = "0" + "-" * (len(old) - 1) if old[0] == "1" else "1" * len(old)
-    done = call(f"run={quoted(folder)}", "tower=9", f"labels='{new}'", command="apf.relabel").must_work()
+    done = call(f"run={quoted(folder)}", "plan=9", f"labels='{new}'", command="apf.relabel").must_work()
     advice = done.out.splitlines()[-1].partition(": ")[2]
     assert shlex.split(advice)[3:] == [f"resume={folder}"]
     resumed = call(*shlex.split(advice)[3:], "tracker=none").must_work()
@@ -66,7 +66,7 @@ def test_label(here: Path) -> None:
     blocks = BlockSource().load()
     (here / "[red]in").mkdir()
     write_towers(random_towers(blocks, 3, 4, stream(0, "test")), here / "[red]in" / "a[b].csv")
-    given_paths = [f"towers={quoted('[red]in/a[b].csv')}", f"out={quoted('[/b]/:tada:.csv')}"]
+    given_paths = [f"plans={quoted('[red]in/a[b].csv')}", f"out={quoted('[/b]/:tada:.csv')}"]
     assert call(*given_paths, command="apf.label").must_work().out.startswith("[/b]/:tada:.csv: 4 towers labelled")
 
 

@@ -57,7 +57,7 @@ def test_resume_needs_the_directory_alone(stopped: Path, tmp_path: Path, monkeyp
     (tmp_path / "elsewhere").mkdir()
     monkeypatch.chdir(tmp_path / "elsewhere")
     call(f"resume={stopped}").must_work()
-    for name in ("towers", "regret", "accuracy"):
+    for name in ("plans", "regret", "accuracy"):
         tables = [pd.read_parquet(run / f"{name}.parquet") for run in (stopped, stopped.parent / "whole")]
         pd.testing.assert_frame_equal(*tables, check_exact=True)
     assert yaml.safe_load((stopped / "run.yaml").read_text())["finished"]
@@ -176,7 +176,7 @@ def test_what_labels_are(labels: list[int], right: bool) -> None:
     assert are_labels(np.array(labels)) is right
 
 
-@pytest.mark.parametrize("name", ["towers.parquet", "weights/step_0001.safetensors"])
+@pytest.mark.parametrize("name", ["plans.parquet", "weights/step_0001.safetensors"])
 @pytest.mark.parametrize("damage", [Path.unlink, lambda path: path.write_bytes(path.read_bytes()[:-4] + b"oops")])
 def test_a_file_of_a_finished_run_is_made_again(here: Path, name: str, damage: Callable[[Path], object]) -> None:
     call(*TINY, "hydra.run.dir=run").must_work()

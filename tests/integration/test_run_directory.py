@@ -21,8 +21,8 @@ from apf.towers import NoisyWorld, read_towers, standing_prefixes
 from apf.towers.files import TOWER_COLUMNS
 from integration.command_line import SMOKE, TINY, Result, call
 
-REGRET = ["step", "towers", "task", "problem", "world", "value", "best_value", "regret", "feasible"]
-ACCURACY = ["step", "towers", "length", "accuracy", "auc", "n"]
+REGRET = ["step", "plans", "task", "problem", "world", "value", "best_value", "regret", "feasible"]
+ACCURACY = ["step", "plans", "length", "accuracy", "auc", "n"]
 TASKS = ["tallest", "overhang", "unsupported"]
 WORLDS = ["analytic", "noisy"]
 PLACEMENTS = [
@@ -40,7 +40,7 @@ def journal(directory: Path) -> pd.DataFrame:
     ]
     for record in records:
         if record["kind"] == "label":
-            towers[record["tower"]] |= {"labels": record["labels"], "labelled_at": record["at"]}
+            towers[record["plan"]] |= {"labels": record["labels"], "labelled_at": record["at"]}
     return pd.DataFrame(towers).astype({"score": float}).rename_axis("id").reset_index()
 
 
@@ -50,7 +50,7 @@ def test_every_file_is_there(smoke: tuple[Path, Result]) -> None:
     found = {str(path.relative_to(directory)) for path in directory.rglob("*") if path.is_file()}
     weights = {f"weights/step_{step:04d}.safetensors" for step in (1, 2)}
     figures = {f"figures/{name}{end}" for name in ("regret", "accuracy") for end in (".png", ".pdf", ".csv")}
-    tables = {f"{name}.parquet" for name in ("towers", "regret", "accuracy")}
+    tables = {f"{name}.parquet" for name in ("plans", "regret", "accuracy")}
     blocks = {"training_blocks.csv", "evaluation_blocks.csv"}
     assert found == weights | figures | tables | blocks | {
         "config.yaml",
@@ -73,7 +73,7 @@ def test_config_is_resolved_and_whole(smoke: tuple[Path, Result]) -> None:
     assert set(config) == set(cfg)
     assert config["domain"]["evaluation"]["side"] == [0.05, 0.15]
     assert config["sampler"]["candidates"]["n"] == 1000
-    assert config["towers"] == 40
+    assert config["plans"] == 40
 
 
 @pytest.mark.slow
@@ -108,7 +108,7 @@ def test_regret_table(smoke: tuple[Path, Result]) -> None:
         for task in TASKS
         for world in WORLDS
     ]
-    assert list(table[["step", "towers", "task", "problem", "world"]].itertuples(index=False, name=None)) == expected
+    assert list(table[["step", "plans", "task", "problem", "world"]].itertuples(index=False, name=None)) == expected
     assert table["feasible"].dtype == bool
     assert table["regret"].notna().any()
     known = table.dropna(subset=["regret"])
@@ -125,7 +125,7 @@ def test_accuracy_table(smoke: tuple[Path, Result]) -> None:
     table = pd.read_parquet(smoke[0] / "accuracy.parquet")
     assert list(table.columns) == ACCURACY
     expected = [(step, towers, k) for step, towers in ((1, 30), (2, 40)) for k in (2, 3, 4, 5)]
-    assert list(table[["step", "towers", "length"]].itertuples(index=False, name=None)) == expected
+    assert list(table[["step", "plans", "length"]].itertuples(index=False, name=None)) == expected
     assert (table["n"] == 20).all()
     assert table["accuracy"].between(0, 1).all()
     assert table["auc"].between(0, 1).all()
@@ -149,7 +149,7 @@ def test_journal_has_a_row_for_every_tower(smoke: tuple[Path, Result]) -> None:
 @pytest.mark.slow
 def test_towers_table_holds_every_placement_of_the_journal(smoke: tuple[Path, Result]) -> None:
     directory, _ = smoke
-    table, rows = pd.read_parquet(directory / "towers.parquet"), journal(directory)
+    table, rows = pd.read_parquet(directory / "plans.parquet"), journal(directory)
     assert list(table.columns) == PLACEMENTS
     assert len(table) == rows["labels"].str.len().sum()
     for number, group in table.groupby("tower"):
@@ -166,14 +166,14 @@ def test_towers_table_holds_every_placement_of_the_journal(smoke: tuple[Path, Re
 @pytest.mark.slow
 @pytest.mark.parametrize("ending", [".csv", ".parquet"])
 def test_towers_table_cut_to_a_tower_file_reads_back(smoke: tuple[Path, Result], tmp_path: Path, ending: str) -> None:
-    table = pd.read_parquet(smoke[0] / "towers.parquet")
+    table = pd.read_parquet(smoke[0] / "plans.parquet")
     path = tmp_path / f"towers{ending}"
     cut = table[TOWER_COLUMNS]
     cut.to_csv(path, index=False) if ending == ".csv" else cut.to_parquet(path, index=False)
     batches = read_towers(path)
     assert sorted(name for batch in batches for name in batch.names) == list(range(40))
     for batch in batches:
-        for name, xy, z, mass in zip(batch.names, batch.towers.xy, batch.towers.z, batch.towers.mass):
+        for name, xy, z, mass in zip(batch.names, batch.plans.xy, batch.plans.z, batch.plans.mass):
             mine = table[table["tower"] == name]
             assert (mine[["x", "y"]].to_numpy() == xy).all()
             assert (mine["mass"].to_numpy() == mass).all()
@@ -182,11 +182,11 @@ def test_towers_table_cut_to_a_tower_file_reads_back(smoke: tuple[Path, Result],
 
 @pytest.mark.slow
 def test_labels_are_those_of_the_analytic_rule_in_the_analytic_world(tiny_run: Path, tmp_path: Path) -> None:
-    table = pd.read_parquet(tiny_run / "towers.parquet")
-    table[TOWER_COLUMNS].to_parquet(tmp_path / "towers.parquet")
+    table = pd.read_parquet(tiny_run / "plans.parquet")
+    table[TOWER_COLUMNS].to_parquet(tmp_path / "plans.parquet")
     seen = {}
-    for batch in read_towers(tmp_path / "towers.parquet"):
-        seen |= dict(zip(batch.names, standing_prefixes(batch.towers)))
+    for batch in read_towers(tmp_path / "plans.parquet"):
+        seen |= dict(zip(batch.names, standing_prefixes(batch.plans)))
     assert len(seen) == 12
     for name, group in table.groupby("tower"):
         stood = seen[name].tolist()
@@ -202,16 +202,16 @@ def test_figures_are_figures_of_the_tables(smoke: tuple[Path, Result]) -> None:
         assert (folder / f"{name}.png").read_bytes().startswith(b"\x89PNG")
         assert (folder / f"{name}.pdf").read_bytes().startswith(b"%PDF")
     regret, drawn = pd.read_parquet(smoke[0] / "regret.parquet"), pd.read_csv(folder / "regret.csv")
-    assert list(drawn.columns) == ["world", "task", "towers", "median", "q25", "q75", "runs", "problems"]
+    assert list(drawn.columns) == ["world", "task", "plans", "median", "q25", "q75", "runs", "problems"]
     assert len(drawn)
     for row in drawn.itertuples():
-        mine = (regret["world"] == row.world) & (regret["task"] == row.task) & (regret["towers"] == row.towers)
+        mine = (regret["world"] == row.world) & (regret["task"] == row.task) & (regret["plans"] == row.towers)
         values = regret[mine]["regret"].dropna()
         assert np.allclose([row.q25, row.median, row.q75], np.percentile(values, [25, 50, 75]))
         assert (row.runs, row.problems) == (1, len(values))
     drawn = pd.read_csv(folder / "accuracy.csv")
-    accuracy = pd.read_parquet(smoke[0] / "accuracy.parquet").sort_values(["length", "towers"])
-    drawn = drawn.sort_values(["length", "towers"])
+    accuracy = pd.read_parquet(smoke[0] / "accuracy.parquet").sort_values(["length", "plans"])
+    drawn = drawn.sort_values(["length", "plans"])
     assert np.allclose(drawn[["mean", "min", "max"]], accuracy[["accuracy"]])
 
 
@@ -277,29 +277,29 @@ def test_a_label_is_in_the_journal_before_the_next_tower_starts(here: Path, monk
 
 @pytest.mark.usefixtures("no_figures")
 def test_the_last_acquisition_is_cut_to_the_number_of_towers(here: Path) -> None:
-    size = ("towers=25", "acquisition.towers=10", "acquisition.validation=2", "evaluation.every=20")
+    size = ("plans=25", "acquisition.plans=10", "acquisition.validation=2", "evaluation.every=20")
     call(*TINY, *size, "hydra.run.dir=run").must_work()
     rows = journal(here / "run")
     assert rows.groupby("step").size().tolist() == [8, 10, 7]
     assert rows.groupby("step")["split"].value_counts().unstack()["validation"].tolist() == [4, 2, 1]
     regret = pd.read_parquet(here / "run" / "regret.parquet")
-    assert sorted(set(zip(regret["step"], regret["towers"]))) == [(2, 25)]
+    assert sorted(set(zip(regret["step"], regret["plans"]))) == [(2, 25)]
     assert [path.name for path in (here / "run" / "weights").iterdir()] == ["step_0002.safetensors"]
 
 
 @pytest.mark.usefixtures("no_figures")
 def test_the_last_step_is_evaluated_whatever_the_period(here: Path) -> None:
-    call(*TINY, "towers=13", "evaluation.every=4").must_work()
+    call(*TINY, "plans=13", "evaluation.every=4").must_work()
     (path,) = here.rglob("accuracy.parquet")
     assert pd.read_parquet(path)["step"].tolist() == [2, 3]
 
 
 @pytest.mark.usefixtures("no_figures")
 def test_initial_towers_alone_are_a_run_too(here: Path) -> None:
-    call(*TINY, "towers=8", "hydra.run.dir=run").must_work()
-    assert set(pd.read_parquet(here / "run" / "towers.parquet")["step"]) == {0}
+    call(*TINY, "plans=8", "hydra.run.dir=run").must_work()
+    assert set(pd.read_parquet(here / "run" / "plans.parquet")["step"]) == {0}
     regret = pd.read_parquet(here / "run" / "regret.parquet")
-    assert set(zip(regret["step"], regret["towers"])) == {(0, 8)}
+    assert set(zip(regret["step"], regret["plans"])) == {(0, 8)}
     assert (here / "run" / "weights" / "step_0000.safetensors").exists()
 
 
@@ -311,7 +311,7 @@ def test_a_subset_of_the_tasks(here: Path) -> None:
 
 def test_problems_where_nothing_stands_have_no_regret(here: Path) -> None:
     """One candidate of five blocks: it hardly ever stands, so nothing can be normalised; the run still ends well."""
-    call(*TINY, "planner.candidates=1", "evaluation.blocks=5", "evaluation.problems=2", "hydra.run.dir=run").must_work()
+    call(*TINY, "planner.candidates=1", "evaluation.length=5", "evaluation.problems=2", "hydra.run.dir=run").must_work()
     regret = pd.read_parquet(here / "run" / "regret.parquet")
     assert (regret["best_value"] == 0).all()
     assert regret["regret"].isna().all()
@@ -320,23 +320,23 @@ def test_problems_where_nothing_stands_have_no_regret(here: Path) -> None:
 
 @pytest.mark.usefixtures("no_figures")
 def test_nothing_to_evaluate(here: Path) -> None:
-    call(*TINY, "evaluation.problems=0", "evaluation.test_towers=0", "hydra.run.dir=run").must_work()
+    call(*TINY, "evaluation.problems=0", "evaluation.test_plans=0", "hydra.run.dir=run").must_work()
     regret, accuracy = (pd.read_parquet(here / "run" / f"{name}.parquet") for name in ("regret", "accuracy"))
     assert (list(regret.columns), len(regret)) == (REGRET, 0)
     assert (list(accuracy.columns), len(accuracy)) == (ACCURACY, 0)
-    assert len(pd.read_parquet(here / "run" / "towers.parquet"))
+    assert len(pd.read_parquet(here / "run" / "plans.parquet"))
 
 
 @pytest.mark.usefixtures("no_figures")
 @pytest.mark.parametrize("predictor", ["analytic", "simulation"])
 def test_predictors_that_know_the_physics_are_evaluated_once(here: Path, predictor: str) -> None:
-    overrides = (*TINY, f"predictor={predictor}", "evaluation.test_towers=40", "hydra.run.dir=run")
+    overrides = (*TINY, f"predictor={predictor}", "evaluation.test_plans=40", "hydra.run.dir=run")
     call(*overrides).must_work()
     regret, accuracy, towers = (
-        pd.read_parquet(here / "run" / f"{name}.parquet") for name in ("regret", "accuracy", "towers")
+        pd.read_parquet(here / "run" / f"{name}.parquet") for name in ("regret", "accuracy", "plans")
     )
     assert set(regret["step"]) == set(accuracy["step"]) == {0}
-    assert set(regret["towers"]) == {0}
+    assert set(regret["plans"]) == {0}
     assert regret["task"].tolist() == [task for task in TASKS for _ in WORLDS]
     if predictor == "analytic":
         assert (regret[regret["world"] == "analytic"]["regret"] == 0).all()

@@ -30,16 +30,16 @@ def test_a_sweep_makes_a_run_for_each_combination(sweep: Path) -> None:
         assert state["finished"]
         assert state["choices"]["sampler"] == name.group(1)
         assert config["seed"] == int(name.group(2))
-        assert set(pd.read_parquet(run / "regret.parquet")["towers"]) == {10, 12}
+        assert set(pd.read_parquet(run / "regret.parquet")["plans"]) == {10, 12}
         assert run.name.endswith(state["hash"])
-    assert len({(run / "towers.parquet").read_bytes() for run in runs}) == 4
+    assert len({(run / "plans.parquet").read_bytes() for run in runs}) == 4
 
 
 @pytest.mark.slow
 def test_the_same_sweep_again_does_only_what_is_missing(sweep: Path, here: Path) -> None:
     shutil.copytree(sweep, here, dirs_exist_ok=True)
     first, missing, *rest = runs_of(here)
-    tables = {name: pd.read_parquet(missing / f"{name}.parquet") for name in ("towers", "regret", "accuracy")}
+    tables = {name: pd.read_parquet(missing / f"{name}.parquet") for name in ("plans", "regret", "accuracy")}
     before = {path: path.stat().st_mtime_ns for run in (first, *rest) for path in run.rglob("*") if path.is_file()}
     shutil.rmtree(missing)
     result = call(*SWEEP).must_work()
@@ -58,7 +58,7 @@ def test_a_run_of_a_sweep_is_the_run_alone(sweep: Path, here: Path) -> None:
     (last,) = [run for run in runs_of(sweep) if run.name.startswith("sequential-tgn-noisy-seed1")]
     overrides = [word for word in SWEEP if not word.startswith(("-m", "sampler=", "seed="))]
     call(*overrides, "sampler=sequential", "seed=1", f"hydra.run.dir={last.name}").must_work()
-    for name in ("towers", "regret", "accuracy"):
+    for name in ("plans", "regret", "accuracy"):
         tables = [pd.read_parquet(run / f"{name}.parquet") for run in (last, here / last.name)]
         pd.testing.assert_frame_equal(*tables, check_exact=True)
 

@@ -145,9 +145,9 @@ def test_all_keys_of_an_option_given_all_values(group: str, option: str) -> None
 @pytest.mark.parametrize(
     ("name", "schema", "given"),
     [
-        ("label", LabelConfig, ["towers=a.csv", "out=b.csv"]),
-        ("relabel", RelabelConfig, ["run=a", "tower=1", "labels='10'"]),
-        ("show", "apf.panda.show.ShowConfig", ["tower=a.csv"]),
+        ("label", LabelConfig, ["plans=a.csv", "out=b.csv"]),
+        ("relabel", RelabelConfig, ["run=a", "plan=1", "labels='10'"]),
+        ("show", "apf.panda.show.ShowConfig", ["plan=a.csv"]),
     ],
 )
 def test_all_keys_of_other_commands(name: str, schema: Any, given: list[str]) -> None:
@@ -183,7 +183,7 @@ def test_the_look_at_values_sees_what_is_wrong() -> None:
         ("threads=100000", ("threads is 100000", "less than or equal to 1000")),
         ("evaluation.problems=1e23", ("evaluation.problems", "less than or equal to 1000000")),
         ("seed=true", ("seed is true", "a number")),
-        ("towers='\"12\"'", ("towers is '12'", "a number")),
+        ("plans='\"12\"'", ("towers is '12'", "a number")),
         ("world.noise=1e12", ("world.noise", "less than or equal to 1")),
         ("domain.training.blocks=1e12", ("domain.training.blocks", "less than or equal to 10000")),
         ("evaluation.lengths=[2,2]", ("evaluation.lengths: 2 stands twice",)),
@@ -216,7 +216,7 @@ def test_refused_before_anything_is_written(here: Path, override: str, words: tu
 def test_a_number_may_be_written_in_any_way() -> None:
     """Whole, with a point or with an exponent: it is the number that counts."""
     for text in ("200", "200.0", "2e2"):
-        config = validate(composed(f"towers={text}"))
-        assert config.towers == 200
-        assert type(config.towers) is int
+        config = validate(composed(f"plans={text}"))
+        assert config.plans == 200
+        assert type(config.plans) is int
     assert validate(composed("world.noise=0")).world.noise == 0.0

@@ -130,11 +130,11 @@ def test_what_is_told(here: Path, fakes: list[FakeRun]) -> None:
     assert run.settings["group"] is None
     assert Path(run.settings["dir"]).resolve() == here / "run"
     assert run.settings["config"] == yaml.safe_load((here / "run" / "config.yaml").read_text())
-    assert run.metrics == [("towers", None), ("*", "towers")]
+    assert run.metrics == [("plans", None), ("*", "plans")]
     assert run.finished == [0]
     told = {}
     for figures in run.logged:
-        assert figures["towers"] == {0: 8, 1: 10, 2: 12}[figures["step"]]
+        assert figures["plans"] == {0: 8, 1: 10, 2: 12}[figures["step"]]
         told.setdefault(figures["step"], {}).update(figures)
     assert set(told) == {0, 1, 2}
     regret, accuracy = (pd.read_parquet(here / "run" / f"{name}.parquet") for name in ("regret", "accuracy"))
@@ -149,7 +149,7 @@ def test_what_is_told(here: Path, fakes: list[FakeRun]) -> None:
         assert {"loss/train", "data/feasible_share"} <= set(figures)
     assert "score/mean" not in told[0]
     assert not any(name.startswith("regret") for name in told[0])
-    towers = pd.read_parquet(here / "run" / "towers.parquet").query("step == 1").groupby("tower")
+    towers = pd.read_parquet(here / "run" / "plans.parquet").query("step == 1").groupby("tower")
     assert told[1]["score/mean"] == pytest.approx(towers["score"].first().mean())
     share = (towers["label"].min().fillna(0) == 1).mean()
     assert told[1]["data/feasible_share"] == share
@@ -259,8 +259,8 @@ def test_offline_files_after_a_resume_are_those_of_one_run(here: Path, monkeypat
 def test_after_a_correction_it_is_another_run(here: Path, fakes: list[FakeRun]) -> None:
     """What was shown of the old label cannot be taken back there."""
     call(*TINY, "tracker=wandb", "hydra.run.dir=run").must_work()
-    stood = pd.read_parquet(here / "run" / "towers.parquet")["label"].iloc[1] == 1
-    call("run=run", "tower=0", f"labels={'10' if stood else '11'}", command="apf.relabel").must_work()
+    stood = pd.read_parquet(here / "run" / "plans.parquet")["label"].iloc[1] == 1
+    call("run=run", "plan=0", f"labels={'10' if stood else '11'}", command="apf.relabel").must_work()
     call("resume=run").must_work()
     first, second = fakes
     assert second.settings["id"] == f"{first.settings['id']}-1"
@@ -334,7 +334,7 @@ def test_a_resume_without_a_login(here: Path, fakes: list[FakeRun], monkeypatch:
     monkeypatch.setattr(wandb, "init", failing)
     result = call("resume=run").must_work()
     assert result.err.count("W&B does not work, going on without it: No API key configured") == 1
-    assert len(pd.read_parquet("run/towers.parquet")["tower"].unique()) == 12
+    assert len(pd.read_parquet("run/plans.parquet")["tower"].unique()) == 12
 
 
 @pytest.mark.usefixtures("no_figures")

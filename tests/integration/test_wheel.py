@@ -60,7 +60,7 @@ def test_it_runs_from_any_directory(installed: Path, tmp_path: Path) -> None:
     package, configs = result.out.splitlines()[:2]
     assert Path(package) == installed / "site" / "apf" / "__init__.py", "the checkout must not be what runs"
     assert Path(configs) == installed / "site" / "apf" / "conf"
-    assert len(pd.read_parquet(tmp_path / "run" / "towers.parquet"))
+    assert len(pd.read_parquet(tmp_path / "run" / "plans.parquet"))
     assert sorted(path.name for path in tmp_path.iterdir()) == ["run"]
 
 
@@ -68,7 +68,7 @@ def test_it_runs_from_any_directory(installed: Path, tmp_path: Path) -> None:
 def test_its_configs_are_those_of_the_checkout(installed: Path, tmp_path: Path) -> None:
     command = ["-m", "apf.main", "--cfg", "job", "+experiment=smoke"]
     there = spawn(command, cwd=tmp_path, PYTHONPATH=str(installed / "site")).must_work()
-    assert yaml.safe_load(there.out)["towers"] == 40
+    assert yaml.safe_load(there.out)["plans"] == 40
     assert there.out == call(*command[2:]).must_work().out
 
 
