@@ -11,12 +11,12 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-import measures as m
 import numpy as np
 import pandas as pd
-from commands import finished_runs, one_line_errors, parser_of
-from evidence import Evidence, MissingError
 
+from analysis import measures as m
+from analysis.commands import finished_runs, one_line_errors, parser_of
+from analysis.evidence import Evidence, MissingError
 from apf.errors import InputError
 from apf.rundir.files import read_yaml
 

@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pandas as pd
-from commands import finished_runs, one_line_errors, parser_of
 
+from analysis.commands import finished_runs, one_line_errors, parser_of
 from apf.errors import InputError
 from apf.report.figures import Words, save
 from apf.report.runs import gather

@@ -8,8 +8,7 @@ A run of a sweep is copied to OUT/SWEEP/NAME, another one to OUT/NAME; the analy
 import shutil
 from pathlib import Path
 
-from commands import finished_runs, one_line_errors, parser_of
-
+from analysis.commands import finished_runs, one_line_errors, parser_of
 from apf.report.runs import Run
 from apf.rundir.files import write_yaml
 from apf.rundir.kept import Summary, read_state
@@ -17,7 +16,7 @@ from apf.rundir.kept import Summary, read_state
 TABLES = ("regret.parquet", "accuracy.parquet")
 OF_A_WORLD = "world.parquet"
 """What a world that reports did."""
-STATE = ("name", "hash", "sweep", "choices", "versions", "finished", "seconds")
+STATE = ("name", "hash", "sweep", "choices", "words", "titles", "versions", "finished", "seconds")
 """What is kept of run.yaml."""
 
 

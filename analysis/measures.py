@@ -3,7 +3,8 @@
 from collections.abc import Sequence
 
 import numpy as np
-from evidence import Evidence, MissingError
+
+from analysis.evidence import Evidence, MissingError
 
 TASKS = ("tallest", "overhang", "unsupported")
 STRATEGIES = ("sequential", "incremental", "complete", "greedy")

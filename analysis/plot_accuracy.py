@@ -1,7 +1,6 @@
 """Accuracy of one or many runs: mean, least and greatest over runs, one panel for each length."""
 
-from curves import draw
-
+from analysis.curves import draw
 from apf.report.figures import accuracy_curves, plot_accuracy
 
 if __name__ == "__main__":

@@ -1,7 +1,6 @@
 """Regret of one or many runs: median and quartiles over problems and runs, one panel for each task."""
 
-from curves import draw
-
+from analysis.curves import draw
 from apf.report.figures import plot_regret, regret_curves
 
 if __name__ == "__main__":

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from commands import finished_runs, one_line_errors, parser_of
 from rich.table import Table
 
+from analysis.commands import finished_runs, one_line_errors, parser_of
 from apf.errors import InputError
 from apf.report.runs import gather
 from apf.report.terminal import console

@@ -6,9 +6,9 @@ python analysis/table_robot.py runs/panda_experiment --out results/panda/statist
 from pathlib import Path
 
 import pandas as pd
-from commands import finished_runs, one_line_errors, parser_of
 from rich.table import Table
 
+from analysis.commands import finished_runs, one_line_errors, parser_of
 from apf.errors import InputError
 from apf.report.runs import Run
 from apf.report.terminal import console

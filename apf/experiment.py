@@ -2,7 +2,9 @@
 
 import math
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -91,7 +93,7 @@ class Experiment:
             if to_learn:
                 self.learn(step)
             if to_evaluate:
-                self.evaluate(step, self.model)
+                self.evaluate(step, self.model, self.model.save)
 
     def to_do(self, step: int) -> tuple[bool, bool]:
         """Is a model to be trained after this step's plans, and is it to be evaluated?"""
@@ -159,14 +161,12 @@ class Experiment:
         self.store.record_training(step, losses)
         self.tracker.log(Figures(step, Phase.LEARNED, self.store.count(until=step), losses))
 
-    def evaluate(self, step: int, predictor: Predictor) -> None:
-        """Plan and test with the predictor; keep its weights if it has any."""
+    def evaluate(self, step: int, predictor: Predictor, save: Callable[[Path], None] | None = None) -> None:
+        """Plan and test with the predictor; `save` writes its weights, if it has any."""
         labelled = self.store.count(until=step)
         regret = self.evaluator.regret(predictor, step, labelled)
         accuracy = self.evaluator.accuracy(predictor, step, labelled)
-        self.store.record_evaluation(
-            step, regret, accuracy, predictor.save if isinstance(predictor, Ensemble) else None
-        )
+        self.store.record_evaluation(step, regret, accuracy, save)
         self.tracker.log(self.evaluation_figures(step))
 
     def history(self) -> list[Figures]:

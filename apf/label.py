@@ -9,7 +9,7 @@ import pandas as pd
 from omegaconf import DictConfig
 
 from apf.config.build import build
-from apf.config.values import config_dir
+from apf.config.values import config_dir, without
 from apf.domain import UNOBSERVED, Domain, NamedPlans, World
 from apf.launch.cli import one_line_errors, run_command
 from apf.rng import stream
@@ -32,9 +32,7 @@ class LabelConfig:
 @one_line_errors
 def job(cfg: DictConfig) -> None:
     """Read, execute, write one row per placement: the plan's name, position, label (empty after the first fall)."""
-    for unused in ("model", "task"):
-        cfg.pop(unused, None)
-    config = build(cfg, LabelConfig)
+    config = build(without(cfg, "model", "task"), LabelConfig)
     check_ending(config.out)
     batches = config.domain.read_plans(config.plans)
     labels = [config.world.execute(b.plans, stream(config.seed, "label", b.plans.length)) for b in batches]

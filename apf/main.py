@@ -11,7 +11,7 @@ from hydra.types import RunMode
 from omegaconf import DictConfig
 
 from apf.config.messages import check_hydra, describe
-from apf.config.schema import Config, Learned, settle
+from apf.config.schema import Config, settle
 from apf.config.values import config_dir
 from apf.errors import InputError
 from apf.experiment import Experiment
@@ -19,7 +19,7 @@ from apf.launch.cli import one_line_errors, run_command
 from apf.launch.cpu import set_up_cpu
 from apf.launch.machine import check_machine, check_weights
 from apf.models import Ensemble, pick_device
-from apf.planning import Evaluator
+from apf.planning import Evaluator, Learned
 from apf.planning.objective import must_be_number, optimises, returned
 from apf.report.summary import print_summary, save_figures
 from apf.rundir.claim import CONFIG, WORLD_TABLE, locked

@@ -15,7 +15,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from apf.acquisition import Scored
+from apf.domain import Scored
 from apf.rundir.store import Store
 from apf.towers import BlockSource, TowerDomain
 from benchmarks.forks import Run

@@ -13,8 +13,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import binary_cross_entropy_with_logits
 
-from apf.acquisition import Scored
-from apf.domain import Labelled
+from apf.domain import Labelled, Scored
 from apf.experiment import TRAIN, VALIDATION, Experiment
 from apf.main import make_experiment, make_model
 from apf.models import Ensemble, Training

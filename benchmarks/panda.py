@@ -284,7 +284,7 @@ def experiment(out: Path) -> Iterator[Row]:
     if process.returncode:
         raise subprocess.CalledProcessError(process.returncode, command)
     hours = read_yaml(EXPERIMENT / "run.yaml")["seconds"] / 3600
-    table, towers = (pd.read_parquet(EXPERIMENT / f"{name}.parquet") for name in ("world", "towers"))
+    table, towers = (pd.read_parquet(EXPERIMENT / f"{name}.parquet") for name in ("world", "plans"))
     helped, built = int((table["purpose"] == "intervention").sum()), int(towers[towers["step"] > 0]["tower"].nunique())
     share = 100 * helped / built
     yield Row("400-tower experiment: wall time", "at most 3 h", f"{hours:.2f} h", hours <= 3)

@@ -3,13 +3,13 @@
 from functools import partial
 from pathlib import Path
 
-import measures as m
 import numpy as np
 import pandas as pd
 import pytest
-from claims import CLAIMS, COLUMNS, Claim, add_notes, table_of_claims
-from evidence import Evidence, MissingError
 
+from analysis import measures as m
+from analysis.claims import CLAIMS, COLUMNS, Claim, add_notes, table_of_claims
+from analysis.evidence import Evidence, MissingError
 from apf.errors import InputError
 
 RUNS, PROBLEMS = 4, 50

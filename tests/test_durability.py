@@ -13,7 +13,7 @@ import pandas as pd
 import pytest
 from disk import Disk
 
-from apf.acquisition import Scored
+from apf.domain import Scored
 from apf.errors import InputError
 from apf.rundir.claim import locked
 from apf.rundir.files import make_folder, remove_unfinished, replacing, write_yaml
@@ -57,7 +57,7 @@ def test_the_disk_of_these_tests_forgets(disk: Disk, tmp_path: Path) -> None:
 def test_a_record_is_on_the_disk_when_append_returns(disk: Disk, tmp_path: Path) -> None:
     journal = Journal(tmp_path / "journal.jsonl")
     for number in range(3):
-        journal.append("label", tower=number)
+        journal.append("label", plan=number)
         assert towers(disk.after_a_cut()["journal.jsonl"]) == list(range(number + 1))
     journal.close()
 
@@ -65,7 +65,7 @@ def test_a_record_is_on_the_disk_when_append_returns(disk: Disk, tmp_path: Path)
 def test_a_torn_end_is_aside_before_it_is_cut_off(disk: Disk, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "journal.jsonl"
     journal = Journal(path)
-    journal.append("label", tower=0)
+    journal.append("label", plan=0)
     journal.close()
     whole = path.read_bytes()
     torn = whole.splitlines(keepends=True)[-1][:-5]
@@ -215,7 +215,7 @@ def test_a_lock_file_of_somebody_else_is_held_and_not_written(tmp_path: Path) ->
         (tmp_path / "lock").write_text(text)
         with locked(tmp_path) as claim:
             assert (tmp_path / "lock").read_text() == text
-            claim.abandon()
+            claim.abandon(TowerDomain())
         assert (tmp_path / "lock").read_text() == text
 
 

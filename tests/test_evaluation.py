@@ -10,8 +10,9 @@ from pydantic import ValidationError
 
 from apf.domain import Predictor, Task, World
 from apf.errors import Stopped
-from apf.planning import ACCURACY_COLUMNS, REGRET_COLUMNS, EvaluationSettings, Evaluator, MonteCarloPlanner
+from apf.planning import EvaluationSettings, Evaluator, MonteCarloPlanner
 from apf.rng import stream
+from apf.rundir.columns import ACCURACY_COLUMNS, REGRET_COLUMNS
 from apf.towers import AnalyticWorld, Overhang, Tallest, TowerDomain, Towers, stands
 
 
@@ -28,7 +29,7 @@ class Oracle(Predictor):
 @pytest.fixture
 def evaluator(domain: TowerDomain) -> Evaluator:
     settings = EvaluationSettings(
-        every=10, problems=0, blocks=3, lengths=[2, 3], test_plans=40, seed=0, worlds={"analytic": AnalyticWorld()}
+        every=10, problems=0, length=3, lengths=[2, 3], test_plans=40, seed=0, worlds={"analytic": AnalyticWorld()}
     )
     return Evaluator(settings, domain, MonteCarloPlanner(candidates=10), {})
 
@@ -122,7 +123,7 @@ CANDIDATES = 300
 
 
 def settings_with(**others: Any) -> EvaluationSettings:
-    given = {"every": 10, "problems": 2, "blocks": 3, "lengths": [2], "test_plans": 4, "seed": 5}
+    given = {"every": 10, "problems": 2, "length": 3, "lengths": [2], "test_plans": 4, "seed": 5}
     return EvaluationSettings(**{**given, "worlds": {"analytic": AnalyticWorld()}, **others})
 
 
@@ -144,8 +145,8 @@ def problem(domain: TowerDomain, number: int, candidates: int = CANDIDATES) -> T
 
 
 def test_columns_are_those_that_the_tables_on_disk_have() -> None:
-    assert " ".join(REGRET_COLUMNS) == "step towers task problem world value best_value regret feasible"
-    assert " ".join(ACCURACY_COLUMNS) == "step towers length accuracy auc n"
+    assert " ".join(REGRET_COLUMNS) == "step plans task problem world value best_value regret feasible"
+    assert " ".join(ACCURACY_COLUMNS) == "step plans length accuracy auc n"
 
 
 class TestRegret:
@@ -236,7 +237,7 @@ class TestRegret:
 
     def test_a_tower_that_takes_too_long_ends_it(self, domain: TowerDomain) -> None:
         evaluator, _ = evaluator_with(domain, limit=0.05, worlds={"slow": Slow()})
-        with pytest.raises(Stopped, match=r"the tower chosen for tallest in problem 0 took longer .*0\.05 s"):
+        with pytest.raises(Stopped, match=r"the plan chosen for tallest in problem 0 took longer .*0\.05 s"):
             evaluator.regret(Says(stands), step=0, labelled=0)
 
     def test_without_problems_there_are_no_rows(self, domain: TowerDomain) -> None:
@@ -292,7 +293,7 @@ class TestAccuracy:
     [
         {"every": 0},
         {"problems": -1},
-        {"blocks": 1},
+        {"length": 1},
         {"lengths": [2, 1]},
         {"test_plans": 3},
         {"test_plans": -2},
@@ -301,11 +302,11 @@ class TestAccuracy:
     ],
 )
 def test_wrong_settings_are_refused(wrong: dict[str, Any]) -> None:
-    settings_with(every=1, problems=0, blocks=2, lengths=[2, 3], test_plans=0, seed=0)
+    settings_with(every=1, problems=0, length=2, lengths=[2, 3], test_plans=0, seed=0)
     with pytest.raises(ValidationError, match=next(iter(wrong))):
         settings_with(**wrong)
 
 
 def test_odd_numbers_of_test_towers_say_why() -> None:
-    with pytest.raises(ValidationError, match="must be even: half of the towers are feasible"):
+    with pytest.raises(ValidationError, match="must be even: half of the plans are feasible"):
         settings_with(test_plans=5)

@@ -5,10 +5,11 @@ from itertools import product
 from pathlib import Path
 
 import pandas as pd
-from evidence import Evidence
 
-from apf.planning.evaluation import ACCURACY_COLUMNS, REGRET_COLUMNS
+from analysis.evidence import Evidence
+from apf.report.figures import Words
 from apf.report.runs import Run
+from apf.rundir.columns import ACCURACY_COLUMNS, REGRET_COLUMNS
 
 
 @dataclass(frozen=True)
@@ -34,7 +35,11 @@ def made(sweep: str, seed: int, every: int, problems: int, sampler: str = "seque
         "accuracy": pd.DataFrame(accuracy, columns=ACCURACY_COLUMNS),
     }
     return Made(
-        Path(f"{sweep}-{sampler}-{model}-{seed}"), {"sweep": sweep}, {"sampler": sampler, "model": model}, tables
+        Path(f"{sweep}-{sampler}-{model}-{seed}"),
+        {"sweep": sweep},
+        {"sampler": sampler, "model": model},
+        Words(),
+        tables,
     )
 
 

@@ -10,9 +10,9 @@ import pandas as pd
 import pytest
 
 import apf.rundir.store
-from apf.acquisition import Scored
+from apf.domain import Scored
 from apf.experiment import Acquisition, Execution, Experiment, Initial
-from apf.planning.evaluation import ACCURACY_COLUMNS, REGRET_COLUMNS
+from apf.rundir.columns import ACCURACY_COLUMNS, REGRET_COLUMNS
 from apf.rundir.store import Store
 from apf.towers import AnalyticWorld, TowerDomain
 
@@ -67,7 +67,7 @@ def experiment(store: Store, towers: int) -> Experiment:
     nothing: Any = None
     return Experiment(
         seed=0,
-        towers=towers,
+        plans=towers,
         every=100,
         initial=Initial(train=INITIAL // 2, validation=INITIAL // 2),
         acquisition=Acquisition(plans=EACH, validation=2),

@@ -17,7 +17,7 @@ def path(tmp_path: Path) -> Path:
     path = tmp_path / "journal.jsonl"
     journal = Journal(path)
     for number in range(3):
-        journal.append("label", tower=number, labels="10-", ratio=0.1 + number)
+        journal.append("label", plan=number, labels="10-", ratio=0.1 + number)
     journal.close()
     return path
 
@@ -36,7 +36,7 @@ def test_what_was_appended_is_read_back(path: Path) -> None:
     lines = [json.loads(line) for line in path.read_text().splitlines()]
     kept = [{key: value for key, value in line.items() if key not in ("crc", "follows")} for line in lines]
     assert kept[1:] == records
-    assert {key: kept[0][key] for key in ("kind", "format", "run")} == {"kind": "journal", "format": 2, "run": ""}
+    assert {key: kept[0][key] for key in ("kind", "format", "run")} == {"kind": "journal", "format": 3, "run": ""}
     assert [line["follows"] for line in lines] == ["", *(line["crc"] for line in lines[:-1])]
 
 
@@ -65,7 +65,7 @@ def test_after_a_torn_end_the_next_record_is_whole(path: Path) -> None:
     journal = Journal(path)
     assert journal.torn == path.with_name("journal.torn-1.jsonl")
     assert "torn" in str(journal.notice) and "journal.torn-1.jsonl" in str(journal.notice)
-    journal.append("label", tower=7)
+    journal.append("label", plan=7)
     journal.close()
     assert [record["plan"] for record in read(path)] == [0, 1, 7]
     assert Journal(path).notice is None
@@ -115,7 +115,7 @@ def changed(lines: list[bytes]) -> dict[str, tuple[list[bytes], str]]:
 @pytest.mark.parametrize("case", changed([b""] * 5))
 def test_what_no_write_can_do_is_refused_and_stays(path: Path, case: str) -> None:
     journal = Journal(path)
-    journal.append("label", tower=3)
+    journal.append("label", plan=3)
     journal.close()
     lines, words = changed(path.read_bytes().splitlines(keepends=True))[case]
     path.write_bytes(b"".join(lines))
@@ -133,7 +133,7 @@ def test_lines_of_another_journal_are_refused(path: Path, tmp_path: Path) -> Non
     copy.write_bytes(path.read_bytes())
     for journal, tower in ((Journal(path), 3), (Journal(copy), 4)):
         for _ in range(2):
-            journal.append("label", tower=tower)
+            journal.append("label", plan=tower)
         journal.close()
     mine, theirs = (p.read_bytes().splitlines(keepends=True) for p in (path, copy))
     path.write_bytes(b"".join([*mine[:5], theirs[5]]))
@@ -156,7 +156,7 @@ def test_line_ends_of_windows_are_named_and_nothing_is_cut(path: Path, which: st
 
 
 @pytest.mark.parametrize(
-    ("number", "words"), [(3, "has format 3, .* reads format 2: it takes a newer apf"), (1, "older")]
+    ("number", "words"), [(4, "has format 4, .* reads format 3: it takes a newer apf"), (1, "older")]
 )
 def test_another_format_is_refused(path: Path, number: int, words: str) -> None:
     line, crc = encode({"kind": "journal", "format": number, "run": ""}, "")
@@ -167,7 +167,7 @@ def test_another_format_is_refused(path: Path, number: int, words: str) -> None:
 
 def test_a_journal_without_a_first_line_is_of_an_older_version(path: Path) -> None:
     path.write_bytes(b"".join(path.read_bytes().splitlines(keepends=True)[1:]))
-    with pytest.raises(InputError, match=r"has format 1, .* reads format 2: it takes an older apf"):
+    with pytest.raises(InputError, match=r"has format 1, .* reads format 3: it takes an older apf"):
         Journal(path)
 
 
@@ -185,14 +185,14 @@ def test_lines_that_were_known_to_be_there_are_missed(path: Path) -> None:
         assert path.read_bytes() == text
     path.write_bytes(b"".join(lines[:3]))
     journal = Journal(path)
-    journal.append("label", tower=9)
-    journal.append("label", tower=10)
+    journal.append("label", plan=9)
+    journal.append("label", plan=10)
     journal.close()
     with pytest.raises(InputError, match="damaged: line 4 is another one"):
         Journal(path, known=end)
     path.write_bytes(b"".join(lines))
     journal = Journal(path, known=end)
-    journal.append("label", tower=3)
+    journal.append("label", plan=3)
     journal.close()
     assert len(Journal(path, known=end).records) == 4
 
@@ -261,10 +261,10 @@ def test_a_record_that_cannot_be_written_leaves_the_file_as_it_was(path: Path, m
 
     monkeypatch.setattr(os, "write", half)
     with pytest.raises(Stopped, match=r"journal\.jsonl: cannot be written: No space left on device"):
-        journal.append("label", tower=3)
+        journal.append("label", plan=3)
     monkeypatch.undo()
     assert path.read_bytes() == before
-    journal.append("label", tower=4)
+    journal.append("label", plan=4)
     journal.close()
     assert [record["plan"] for record in read(path)] == [0, 1, 2, 4]
 
@@ -281,10 +281,10 @@ def test_a_record_that_cannot_be_taken_back_is_the_last(path: Path, monkeypatch:
     monkeypatch.setattr(os, "fsync", fail)
     monkeypatch.setattr(os, "ftruncate", fail)
     with pytest.raises(Stopped, match="Input/output error"):
-        journal.append("label", tower=3)
+        journal.append("label", plan=3)
     monkeypatch.undo()
     with pytest.raises(Stopped, match="cannot be written"):
-        journal.append("label", tower=4)
+        journal.append("label", plan=4)
     journal.close()
     assert [record["plan"] for record in read(path)] == [0, 1, 2, 3]
 
@@ -294,7 +294,7 @@ def test_seconds_add_up_over_all_starts(path: Path) -> None:
     assert seconds == sorted(seconds)
     journal = Journal(path)
     journal._before = 100.0
-    journal.append("label", tower=3)
+    journal.append("label", plan=3)
     journal.close()
     assert 100 <= Journal(path).seconds < 101
 

@@ -19,7 +19,7 @@ def path(tmp_path: Path) -> Path:
     path = tmp_path / "journal.jsonl"
     journal = Journal(path)
     for number in range(3):
-        journal.append("label", tower=number)
+        journal.append("label", plan=number)
     journal.close()
     return path
 
@@ -40,7 +40,7 @@ def test_a_record_is_synced_before_append_returns(path: Path, monkeypatch: pytes
 
     journal = Journal(path)
     monkeypatch.setattr(os, "fsync", noted)
-    journal.append("label", tower=3)
+    journal.append("label", plan=3)
     journal.close()
     assert synced[-1] == path.read_bytes()
 
@@ -49,7 +49,7 @@ def test_records_before_one_that_cannot_be_written_stay(path: Path, monkeypatch:
     journal = Journal(path)
     write, lines = os.write, path.read_bytes()
     for number in (3, 4):
-        journal.append("label", tower=number)
+        journal.append("label", plan=number)
         before = path.read_bytes()
         assert before.startswith(lines) and before != lines
 
@@ -59,7 +59,7 @@ def test_records_before_one_that_cannot_be_written_stay(path: Path, monkeypatch:
 
         with monkeypatch.context() as full, pytest.raises(Stopped, match="No space left on device"):
             full.setattr(os, "write", torn)
-            journal.append("label", tower=9)
+            journal.append("label", plan=9)
         assert path.read_bytes() == before
         assert [record["plan"] for record in journal.records] == list(range(number + 1))
     journal.close()
@@ -96,9 +96,9 @@ def test_records_say_when_and_after_how_many_seconds(tmp_path: Path, monkeypatch
     for start, seconds in ((50.0, [0.0, 1.235]), (7.0, [1.235, 2.47])):
         now[0] = start
         journal = Journal(tmp_path / "journal.jsonl")
-        journal.append("label", tower=0)
+        journal.append("label", plan=0)
         now[0] += 1.2345678
-        journal.append("label", tower=1)
+        journal.append("label", plan=1)
         journal.close()
         assert [record["seconds"] for record in journal.records[-2:]] == pytest.approx(seconds, abs=1e-12)
     for record in journal.records:

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from apf.acquisition import Scored
+from apf.domain import Scored
 from apf.errors import InputError
-from apf.planning.evaluation import ACCURACY_COLUMNS, REGRET_COLUMNS
+from apf.rundir.columns import ACCURACY_COLUMNS, REGRET_COLUMNS
 from apf.rundir.journal import Journal
 from apf.rundir.store import Store
 from apf.towers import TowerDomain
@@ -109,8 +109,8 @@ def test_no_such_record_is_ever_written(store: Store, case: str) -> None:
 
 def test_what_can_be_is_read_back(store: Store) -> None:
     for number, labels in ((0, "111"), (1, "0--")):
-        store._append("label", tower=number, labels=labels, report={"seconds": 3})
-    store._append("correction", tower=1, old="0--", labels="10-", reason="")
+        store._append("label", plan=number, labels=labels, report={"seconds": 3})
+    store._append("correction", plan=1, old="0--", labels="10-", reason="")
     store._append("plans", **plans())
     store._append("training", step=0, losses={"loss/train": 0.5})
     store._append("evaluation", **EVALUATION, weights=None)

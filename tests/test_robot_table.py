@@ -2,7 +2,8 @@
 
 import pandas as pd
 import pytest
-from table_robot import statistics
+
+from analysis.table_robot import statistics
 
 
 def test_counts_times_and_errors() -> None:

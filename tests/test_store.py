@@ -10,9 +10,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from apf.acquisition import Scored
+from apf.domain import Scored
 from apf.errors import InputError, Stopped
-from apf.planning import ACCURACY_COLUMNS, REGRET_COLUMNS
+from apf.rundir.columns import ACCURACY_COLUMNS, REGRET_COLUMNS
 from apf.rundir.store import Store
 from apf.towers import TowerDomain
 
@@ -203,7 +203,7 @@ class TestLabels:
         lines = (filled.directory / "journal.jsonl").read_text().splitlines()
         assert [json.loads(line)["kind"] for line in lines][-6:] == kinds(filled)
         last = json.loads(lines[-1])
-        assert (last["tower"], last["labels"]) == (3, "11")
+        assert (last["plan"], last["labels"]) == (3, "11")
         assert json.loads(lines[-2])["labels"] == "10-"
 
     def test_an_unknown_plan_has_no_label(self, filled: Store) -> None:
@@ -251,17 +251,17 @@ class TestOneTower:
 
     @pytest.mark.parametrize("number", [-1, 4, 5])
     def test_only_of_those_that_have_labels(self, filled: Store, number: int) -> None:
-        with pytest.raises(InputError, match=rf"^tower is {number}; towers 0 to 3 have labels in .*run$"):
+        with pytest.raises(InputError, match=rf"^plan is {number}; plans 0 to 3 have labels in .*run$"):
             filled.proposal(number)
 
     def test_numbers_are_not_counted_from_the_end(self, filled: Store) -> None:
         filled.record(4, np.array([1, 1, 1]))
         assert filled.proposal(4).labels == "111"
-        with pytest.raises(InputError, match=r"^plan is -1; towers 0 to 4 have labels"):
+        with pytest.raises(InputError, match=r"^plan is -1; plans 0 to 4 have labels"):
             filled.proposal(-1)
 
     def test_of_none(self, store: Store) -> None:
-        with pytest.raises(InputError, match=r"^tower is 0; none has labels in .*run$"):
+        with pytest.raises(InputError, match=r"^plan is 0; none has labels in .*run$"):
             store.proposal(0)
 
 
@@ -320,7 +320,7 @@ class TestCorrections:
         assert filled.training(1) == {"loss/train": 0.5}
 
     def test_only_of_plans_that_have_labels(self, filled: Store) -> None:
-        with pytest.raises(InputError, match="tower is 4"):
+        with pytest.raises(InputError, match="plan is 4"):
             filled.correct(4, "111", "misread")
         assert filled.corrections == 0
         assert "correction" not in kinds(filled)

@@ -287,5 +287,5 @@ class TestTowerDomain:
         domain.check_length(6, "sampler")
         with pytest.raises(InputError, match=r"^sampler: .*7 blocks.*domain\.training has 6"):
             domain.check_length(7, "sampler")
-        with pytest.raises(InputError, match=r"^evaluation\.blocks: .*domain\.evaluation has 6"):
+        with pytest.raises(InputError, match=r"^evaluation\.length: .*domain\.evaluation has 6"):
             domain.check_length(7, "evaluation.length", evaluation=True)

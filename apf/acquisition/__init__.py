@@ -7,7 +7,6 @@ from apf.acquisition.candidates import (
     GreedyExtensions,
     Lengths,
     RandomPlans,
-    Scored,
     top,
 )
 from apf.acquisition.sampler import Sampler
@@ -24,7 +23,6 @@ __all__ = [
     "RandomPlans",
     "Sampler",
     "Score",
-    "Scored",
     "bald",
     "entropy",
     "expected_bald",

@@ -2,13 +2,12 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from pydantic import model_validator
 
-from apf.domain import Domain, Labelled
+from apf.domain import Domain, Labelled, Scored
 from apf.settings import Length, Many, settings
 
 ScoreOf = Callable[[Any], np.ndarray]
@@ -33,14 +32,6 @@ class Lengths:
         lengths = range(self.min, self.max + 1)
         shares = np.array_split(np.arange(n), len(lengths))
         return [domain.random_plans(k, len(part), rng) for k, part in zip(lengths, shares, strict=True) if len(part)]
-
-
-@dataclass(frozen=True)
-class Scored:
-    """One plan (a batch of one) and its acquisition score."""
-
-    plan: Any
-    score: float
 
 
 class Candidates(ABC):

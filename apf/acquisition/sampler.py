@@ -6,9 +6,9 @@ from functools import partial
 import numpy as np
 from pydantic import model_validator
 
-from apf.acquisition.candidates import Candidates, Lengths, Scored
+from apf.acquisition.candidates import Candidates, Lengths
 from apf.acquisition.scores import ExpectedBald, Model, Score
-from apf.domain import Domain, Kind, Labelled
+from apf.domain import Domain, Kind, Labelled, Scored
 from apf.settings import settings
 
 

@@ -2,11 +2,10 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import pydantic
 from omegaconf import DictConfig
-from pydantic import Field
 
 from apf.acquisition import Sampler
 from apf.config.build import build
@@ -16,18 +15,10 @@ from apf.domain import Domain, Predictor, Task, World
 from apf.errors import InputError
 from apf.experiment import Acquisition, Execution, Initial
 from apf.models import EnsembleSettings, Training
-from apf.planning import EvaluationSettings, MonteCarloPlanner
+from apf.planning import EvaluationSettings, Learned, MonteCarloPlanner
 from apf.planning.objective import Objective, check_objective
-from apf.settings import Count, Few, Name, Number, Seed, settings
+from apf.settings import Count, Few, Name, Seed, settings
 from apf.tracking import Tracker
-
-
-@settings
-class Learned:
-    """Stands for the ensemble that the run itself trains."""
-
-    odds: Annotated[Number, Field(gt=0, le=1000)]
-    """What the odds of each placement are multiplied by when plans are judged; what to try next is chosen without."""
 
 
 @settings

@@ -21,9 +21,23 @@ LENGTH = "plans"
 
 def config_dir() -> str:
     """The folder of configs: beside the package in a checkout, inside it when installed from a wheel."""
+    return str(_beside_or_inside("conf"))
+
+
+def sweeps_dir() -> str:
+    """The folder of sweeps, as a search path of Hydra's; likewise. Resolver `sweeps` of the configs."""
+    return f"file://{_beside_or_inside('sweeps')}"
+
+
+def _beside_or_inside(name: str) -> Path:
     package = Path(__file__).parents[1]
-    inside = package / "conf"
-    return str(inside if inside.is_dir() else package.parent / "conf")
+    inside = package / name
+    return inside if inside.is_dir() else package.parent / name
+
+
+def without(cfg: DictConfig, *keys: str) -> DictConfig:
+    """A config without what a domain brings and a command does not need."""
+    return OmegaConf.masked_copy(cfg, [str(key) for key in cfg if key not in keys])
 
 
 def plain(cfg: DictConfig) -> dict[str, Any]:
@@ -121,4 +135,15 @@ def name_of(config: dict[str, Any], choices: Mapping[str, Any]) -> str:
     return "-".join([*map(str, parts), f"seed{config['seed']}", config_hash(config)])
 
 
+KEPT_DOMAIN: dict[str, str] = {}
+"""Which domain a kept option of the group `domain` holds, by the option's name."""
+
+
+def of_domain(choice: str) -> str:
+    """Where other groups have their options for a domain. Resolver `of_domain` of the configs."""
+    return KEPT_DOMAIN.get(choice, choice)
+
+
 OmegaConf.register_new_resolver("run_name", run_name, replace=True)
+OmegaConf.register_new_resolver("of_domain", of_domain, replace=True)
+OmegaConf.register_new_resolver("sweeps", sweeps_dir, replace=True)

@@ -1,7 +1,7 @@
 """What a domain of plans must bring (appendix, Method Generalizability), and what all others know of it."""
 
 from apf.domain.domain import Domain, Objects
-from apf.domain.plans import UNOBSERVED, Kind, Labelled, NamedPlans, Plans
+from apf.domain.plans import UNOBSERVED, Kind, Labelled, NamedPlans, Plans, Scored
 from apf.domain.predictor import Predictor
 from apf.domain.task import Task
 from apf.domain.world import Outcome, World, are_labels, carry_out, labels_from
@@ -16,6 +16,7 @@ __all__ = [
     "Outcome",
     "Plans",
     "Predictor",
+    "Scored",
     "Task",
     "World",
     "are_labels",

@@ -47,3 +47,11 @@ class NamedPlans:
     plans: Any
     names: tuple[Any, ...]
     order: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Scored:
+    """One plan (a batch of one), and how much its execution is worth to the one who chose it."""
+
+    plan: Any
+    score: float

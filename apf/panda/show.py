@@ -7,7 +7,7 @@ from omegaconf import DictConfig
 from pydantic import Field
 
 from apf.config.build import build
-from apf.config.values import config_dir
+from apf.config.values import config_dir, without
 from apf.domain import World
 from apf.errors import InputError
 from apf.launch.cli import one_line_errors, run_command
@@ -35,7 +35,7 @@ class ShowConfig:
 @one_line_errors
 def job(cfg: DictConfig) -> None:
     """Build, judge, clear up; write the film and the strip."""
-    config = build(cfg, ShowConfig)
+    config = build(without(cfg, "domain", "model", "task"), ShowConfig)
     world = config.world
     if not isinstance(world, PandaWorld):
         raise InputError("world: only the robot can be shown; choose world=panda")

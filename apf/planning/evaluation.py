@@ -10,10 +10,8 @@ from pydantic import AfterValidator, Field
 from apf.domain import Domain, Predictor, Task, World, carry_out
 from apf.planning.planner import MonteCarloPlanner
 from apf.rng import stream
+from apf.rundir.columns import ACCURACY_COLUMNS, REGRET_COLUMNS
 from apf.settings import Count, CountOrNone, Length, Seed, settings
-
-REGRET_COLUMNS = ["step", "plans", "task", "problem", "world", "value", "best_value", "regret", "feasible"]
-ACCURACY_COLUMNS = ["step", "plans", "length", "accuracy", "auc", "n"]
 
 PLANNING, TESTING = "planning", "testing"
 """Kinds of work, as trackers show them."""

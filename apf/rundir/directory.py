@@ -86,7 +86,8 @@ def begin(directory: Path, config: dict[str, Any], domain: Domain, tasks: Mappin
     refuse_foreign(directory, domain, config_hash(config))
     hydra = HydraConfig.get()
     in_sweep = hydra.mode == RunMode.MULTIRUN or directory.parent == Path(hydra.sweep.dir).absolute()
-    choices = {key: value for key, value in hydra.runtime.choices.items() if "hydra/" not in key}
+    chosen = hydra.runtime.choices
+    choices = {key: value for key, value in chosen.items() if "hydra/" not in key and not follows(key, chosen)}
     identifier = secrets.token_hex(4)
     state = {
         "name": directory.name,
@@ -126,6 +127,13 @@ def check_written(directory: Path, config: dict[str, Any], state: dict[str, Any]
         domain.check_kept(directory)
     except InputError as error:
         raise InputError(f"domain: what it names cannot be kept; are there blanks or symbols? {error}") from None
+
+
+def follows(group: str, choices: Mapping[str, Any]) -> bool:
+    """Is this group's choice made by another's, as that of `world/noisy` is by `world: noisy` and the domain?"""
+    name, _, package = group.partition("@")
+    parent, _, option = name.rpartition("/")
+    return bool(parent) and choices.get(parent if package in ("", parent) else f"{parent}@{package}") == option
 
 
 def as_typed(overrides: Any) -> list[str]:

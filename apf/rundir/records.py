@@ -4,7 +4,7 @@ import re
 from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
-from apf.planning.evaluation import ACCURACY_COLUMNS, REGRET_COLUMNS
+from apf.rundir.columns import ACCURACY_COLUMNS, REGRET_COLUMNS
 from apf.rundir.journal import Record
 
 LABELS = re.compile("1*(0-*)?")

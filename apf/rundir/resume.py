@@ -12,6 +12,7 @@ from hydra.core.config_store import ConfigStore
 from hydra.core.override_parser.types import Quote, QuotedString
 
 from apf.config.schema import Config
+from apf.config.values import KEPT_DOMAIN
 from apf.errors import InputError
 from apf.rundir.claim import CONFIG, JOURNAL, LOCK, STATE, TABLES, WORLD_TABLE
 from apf.rundir.kept import read_config, read_state
@@ -120,7 +121,12 @@ def store(directory: Path, config: dict[str, Any], choices: Any) -> None:
         _add(option, node[last], package, match["group"])
         node[last] = {}  # keys keep their order
         many = isinstance(choices[match[0]], list)
-        defaults.insert(0, {match[0]: [option] if many else option})
+        entry = {match[0]: [option] if many else option}
+        if package == "domain":  # last: others follow it
+            KEPT_DOMAIN[option] = str(choices[match[0]])
+            defaults.append(entry)
+        else:
+            defaults.insert(0, entry)
     where = {"run": {"dir": as_literal(str(directory))}}
     if "defaults" in rest:
         raise InputError(f"{directory / CONFIG}: defaults: there is no such key")

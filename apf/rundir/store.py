@@ -17,11 +17,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from apf.acquisition import Scored
-from apf.domain import UNOBSERVED, Domain, Labelled
+from apf.domain import UNOBSERVED, Domain, Labelled, Scored
 from apf.errors import InputError
-from apf.planning.evaluation import ACCURACY_COLUMNS, REGRET_COLUMNS
 from apf.rundir.claim import STATE
+from apf.rundir.columns import ACCURACY_COLUMNS, DTYPES, REGRET_COLUMNS
 from apf.rundir.files import checksum, make_folder, remove_unfinished, replacing
 from apf.rundir.journal import HEADER, End, Journal, Record
 from apf.rundir.kept import read_state
@@ -31,12 +30,6 @@ from apf.rundir.tables import write_table
 SYMBOL = {1: "1", 0: "0", -1: "-"}
 """How the journal writes labels, one character for each prefix: succeeded, failed, not attempted."""
 VALUE = {symbol: label for label, symbol in SYMBOL.items()}
-
-DTYPES = {
-    **dict.fromkeys(("step", "plans", "problem", "length", "n"), "int64"),
-    **dict.fromkeys(("value", "best_value", "regret", "accuracy", "auc"), "float64"),
-    "feasible": "bool",
-}
 
 GROWTH = 1.1
 """Tables are written at an evaluation if so many times as many plans are labelled as when they last were: over a run

@@ -12,10 +12,12 @@ import pytest
 import yaml
 
 from apf.errors import InputError
+from apf.report.figures import Words
 from apf.report.runs import Run, find_runs, gather, label_runs
 from integration.command_line import ANALYSIS, spawn
 
 SCRIPTS = {"regret": ANALYSIS / "plot_regret.py", "accuracy": ANALYSIS / "plot_accuracy.py"}
+WORDS = Words("tower", "block")
 SAMPLERS = ("sequential", "random_ss")
 TABLE, CLAIMS, KEEP = (ANALYSIS / f"{name}.py" for name in ("table_regret", "claims", "keep"))
 
@@ -23,7 +25,6 @@ TABLE, CLAIMS, KEEP = (ANALYSIS / f"{name}.py" for name in ("table_regret", "cla
 def plot(monkeypatch: pytest.MonkeyPatch, name: str, *arguments: str | Path) -> None:
     """The script in this process."""
     monkeypatch.setattr(sys, "argv", [SCRIPTS[name].name, *map(str, arguments)])
-    monkeypatch.syspath_prepend(str(ANALYSIS))
     runpy.run_path(str(SCRIPTS[name]), run_name="__main__")
 
 
@@ -105,8 +106,8 @@ def test_a_legend_fits_its_figure(labels: list[str]) -> None:
     from apf.report.figures import accuracy_curves, plot_accuracy
 
     table = pd.DataFrame({"group": labels, "run": range(len(labels))})
-    table = table.assign(length=2, towers=100, accuracy=0.9, auc=0.9)
-    figure = plot_accuracy(accuracy_curves(table))
+    table = table.assign(length=2, plans=100, accuracy=0.9, auc=0.9)
+    figure = plot_accuracy(accuracy_curves(table), WORDS)
     figure.canvas.draw()
     box, (legend,) = figure.bbox, figure.legends
     drawn = legend.get_window_extent()
@@ -164,7 +165,8 @@ def test_folders_without_runs(
 ) -> None:
     (tmp_path / "empty").mkdir()
     (tmp_path / "half").mkdir()
-    state = {"name": "half", "hash": "", "sweep": None, "choices": {}, "versions": {}, "finished": False, "seconds": 0}
+    state = {"name": "half", "hash": "", "sweep": None, "choices": {}, "words": {"plan": "tower", "object": "block"}}
+    state |= {"titles": {}, "versions": {}, "finished": False, "seconds": 0}
     (tmp_path / "half" / "run.yaml").write_text(yaml.safe_dump(state))
     for folder, words in (
         ("empty", ("no finished run",)),
@@ -204,7 +206,9 @@ def test_a_run_that_lacks_a_table_is_named(sweep: Path, monkeypatch: pytest.Monk
 
 def run(name: str, config: dict[str, Any], **choices: Any) -> Run:
     """A run as `find_runs` would give it. A config has the keys that count here, and a seed."""
-    return Run(Path(name), {"seed": 0, "plans": 400, **config}, {"sampler": "sequential", "model": "tgn", **choices})
+    return Run(
+        Path(name), {"seed": 0, "plans": 400, **config}, {"sampler": "sequential", "model": "tgn", **choices}, Words()
+    )
 
 
 def test_seeds_share_a_label() -> None:

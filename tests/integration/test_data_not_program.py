@@ -242,7 +242,7 @@ def test_files_that_the_config_names_are_not_read(foreign: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "key"),
     [
-        *(("run.yaml", key) for key in ("id", "name", "sweep", "blocks", "finished", "files", "versions", "seconds")),
+        *(("run.yaml", key) for key in ("id", "name", "sweep", "objects", "finished", "files", "versions", "seconds")),
         *(("config.yaml", key) for key in ("plans", "initial", "acquisition", "seed", "world", "task", "threads")),
     ],
 )

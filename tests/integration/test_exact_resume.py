@@ -277,7 +277,7 @@ def test_what_is_written_is_read_back(here: Path, monkeypatch: pytest.MonkeyPatc
 
     for name, function, words in (
         ("apf.towers.domain.write_blocks", altered_blocks, ("blocks", "training_blocks.csv")),
-        ("apf.rundir.write_yaml", altered_values, ("seed", "config.yaml")),
+        ("apf.rundir.directory.write_yaml", altered_values, ("seed", "config.yaml")),
     ):
         with monkeypatch.context() as patch:
             patch.setattr(name, function)

@@ -39,7 +39,7 @@ VALUES: dict[str, Any] = {
     "mapping of numbers": {3: [4]},
 }
 NEEDED_ALWAYS = ("name", "hash", "sweep", "choices", "versions", "finished", "seconds")
-NEEDED_TO_GO_ON = (*NEEDED_ALWAYS, "id", "overrides", "cwd", "blocks")
+NEEDED_TO_GO_ON = (*NEEDED_ALWAYS, "id", "overrides", "cwd", "objects")
 
 
 def edited(run: Path, file: str, key: str, value: Any) -> None:
@@ -210,8 +210,8 @@ def test_relabel(run: Path) -> None:
 
 
 def test_the_same_command(run: Path) -> None:
-    edited(run, "run.yaml", "blocks", GONE)
-    call(*TINY, "world=analytic", f"hydra.run.dir={run}").must_refuse(str(run / "run.yaml"), "blocks is missing")
+    edited(run, "run.yaml", "objects", GONE)
+    call(*TINY, "world=analytic", f"hydra.run.dir={run}").must_refuse(str(run / "run.yaml"), "objects is missing")
 
 
 @pytest.mark.parametrize(

@@ -61,7 +61,7 @@ def test_towers_worked_by_hand(here: Path, source: str, into: str) -> None:
     assert table["position"].tolist() == by_hand()["position"].tolist()
     assert labels(table) == LABELS_BY_HAND
     assert f"labels{into}" in result.out
-    assert "3 towers labelled, 1 of them stand" in result.out
+    assert "3 plans labelled, 1 of them succeed" in result.out
     assert sorted(path.name for path in here.iterdir()) == sorted({f"towers{source}", f"labels{into}"})
 
 

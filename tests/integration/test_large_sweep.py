@@ -75,7 +75,7 @@ def test_each_choice_of_a_group_is_composed_once(here: Path, composed: list) -> 
         for model in ("tgn", "lstm")
         for seed in range(5)
     )
-    assert result.err.count("towers is 1; it must be at least the 8 initial ones") == 20
+    assert result.err.count("plans is 1; it must be at least the 8 initial ones") == 20
 
 
 def test_each_refused_job_says_what_is_wrong_with_it(here: Path, finished_run: Path) -> None:

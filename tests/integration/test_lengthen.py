@@ -52,11 +52,11 @@ def test_a_sweep_made_longer_lengthens_its_runs(here: Path) -> None:
 def test_a_cut_acquisition_cannot_be_followed(here: Path) -> None:
     """With 13 towers the last acquisition had one tower; a longer run would have had two."""
     call(*TINY, "plans=13", "hydra.run.dir=run").must_work()
-    call(*LONGER, "hydra.run.dir=run").must_refuse("13 towers", "cannot be made longer")
+    call(*LONGER, "hydra.run.dir=run").must_refuse("13 plans", "cannot be made longer")
 
 
 def test_an_unfinished_run_is_not_made_shorter(here: Path) -> None:
     call(*LONGER, "hydra.run.dir=run").must_work()
     state = here / "run" / "run.yaml"
     state.write_text(state.read_text().replace("finished: true", "finished: false"))
-    call(*TINY, "hydra.run.dir=run").must_refuse("16 towers", "has not finished")
+    call(*TINY, "hydra.run.dir=run").must_refuse("16 plans", "has not finished")

@@ -218,7 +218,7 @@ def test_a_value_that_is_no_number(here: Path, fake: type[FakeProcess]) -> None:
     command = (*OPTUNA, *TINY, "hydra.sweeper.n_trials=1", "training.warmup=choice(0)")
     result = call(*command, "objective=regret/noisy/tallest")
     assert result.code == 1
-    assert "its objective is nan: no candidate of the problems stands" in result.err
+    assert "its objective is nan: no candidate of the problems succeeds" in result.err
     assert "Traceback" not in result.err
 
 

@@ -123,7 +123,7 @@ def tower_file(here: Path, graspable: BlockSet) -> Path:
 @pytest.mark.slow
 def test_a_film_and_its_stills(tower_file: Path, here: Path) -> None:
     small = ("camera.width=64", "camera.height=48", "camera.fps=5")
-    result = call(f"plan={tower_file}", "out=film.mp4", *small, command="apf.panda.show").must_work()
+    result = call(f"tower={tower_file}", "out=film.mp4", *small, command="apf.panda.show").must_work()
     assert result.out == "film.mp4, film.png: stood, labels 1 1\n"
     assert imageio.imread("film.png").shape == (48, 3 * 64, 3)
     frames = list(imageio.get_reader("film.mp4").iter_data())
@@ -138,7 +138,7 @@ def test_a_film_and_its_stills(tower_file: Path, here: Path) -> None:
         (("out=film.avi",), ("film.avi", ".mp4 or .gif")),
         (("number=2",), ("number=2", "2 towers")),
         (("number=1",), ("block", "from the robot; it reaches")),
-        (("plan=none.csv",), ("none.csv", "no such file")),
+        (("tower=none.csv",), ("none.csv", "no such file")),
         (("world=noisy",), ("world.gui", "no such key")),
         (("gui=true",), ("gui=true", "display")),
     ],
@@ -147,7 +147,7 @@ def test_show_refuses(
     arguments: tuple[str, ...], words: tuple[str, ...], tower_file: Path, here: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("DISPLAY", raising=False)
-    call(f"plan={tower_file}", *arguments, command="apf.panda.show").must_refuse(*words)
+    call(f"tower={tower_file}", *arguments, command="apf.panda.show").must_refuse(*words)
     assert {path.name for path in here.iterdir()} == {"towers.csv"}
 
 

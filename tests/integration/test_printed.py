@@ -67,7 +67,7 @@ def test_label(here: Path) -> None:
     (here / "[red]in").mkdir()
     write_towers(random_towers(blocks, 3, 4, stream(0, "test")), here / "[red]in" / "a[b].csv")
     given_paths = [f"plans={quoted('[red]in/a[b].csv')}", f"out={quoted('[/b]/:tada:.csv')}"]
-    assert call(*given_paths, command="apf.label").must_work().out.startswith("[/b]/:tada:.csv: 4 towers labelled")
+    assert call(*given_paths, command="apf.label").must_work().out.startswith("[/b]/:tada:.csv: 4 plans labelled")
 
 
 def test_a_sweep(here: Path) -> None:

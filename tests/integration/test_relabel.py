@@ -86,9 +86,9 @@ def test_labels_after_the_fall_may_be_left_out(run: Path) -> None:
         (("plan=0", "labels=01"), ("labels is 01",)),
         (("plan=0", "labels=1-"), ("labels is 1-",)),
         (("plan=0", "labels=1x"), ("labels is 1x",)),
-        (("plan=99", "labels=10"), ("tower is 99", "towers 0 to 13")),
+        (("plan=99", "labels=10"), ("plan is 99", "plans 0 to 13")),
         (("plan=0",), ("labels is missing",)),
-        (("plan=first", "labels=10"), ("tower", "first")),
+        (("plan=first", "labels=10"), ("plan", "first")),
         (("+nonsense=1", "plan=0", "labels=10"), ("nonsense",)),
     ],
 )

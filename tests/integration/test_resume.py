@@ -141,9 +141,9 @@ def test_a_crash_leaves_its_traceback_in_the_log(here: Path, monkeypatch: pytest
 @pytest.mark.parametrize(
     ("fail", "words"),
     [
-        (lambda: time.sleep(20), ("tower 3", "execution.time_limit=0.3 s")),
-        (lambda: (_ for _ in ()).throw(ValueError("no grip")), ("tower 3", "ValueError: no grip")),
-        (lambda: np.array([0, 1]), ("tower 3", "got [0, 1]")),
+        (lambda: time.sleep(20), ("plan 3", "execution.time_limit=0.3 s")),
+        (lambda: (_ for _ in ()).throw(ValueError("no grip")), ("plan 3", "ValueError: no grip")),
+        (lambda: np.array([0, 1]), ("plan 3", "got [0, 1]")),
     ],
 )
 def test_a_world_that_fails(
@@ -195,7 +195,7 @@ def test_a_missing_or_damaged_journal(stopped: Path) -> None:
     call("resume=run").must_refuse("journal.jsonl is damaged: line 1 of 7")
     lines = text.splitlines(keepends=True)
     journal.write_bytes(b"".join(lines[1:]))
-    call("resume=run").must_refuse("journal.jsonl has format 1", "reads format 2")
+    call("resume=run").must_refuse("journal.jsonl has format 1", "reads format 3")
     journal.write_bytes(b"")
     call("resume=run").must_refuse("journal.jsonl is empty", "all labels")
     journal.unlink()

@@ -65,7 +65,7 @@ def test_lines_elsewhere(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(console, "EVERY", -1)
     result = call(*TINY, "hydra.run.dir=run").must_work()
     lines = [line for line in result.err.splitlines() if " so far" in line]
-    for what in ("step 0/2, first towers 3/8", "step 1/2, building 2/2", "step 1/2, planning", "step 2/2, training"):
+    for what in ("step 0/2, first plans 3/8", "step 1/2, building 2/2", "step 1/2, planning", "step 2/2, training"):
         assert any(line.startswith(f"{what}: 0:0") for line in lines), what
     assert lines[-1] in (here / "run" / "run.log").read_text()
     monkeypatch.undo()

@@ -12,8 +12,9 @@ import yaml
 
 from integration.command_line import CONF, REPOSITORY, TINY, Result, call, spawn
 
+SWEEPS = REPOSITORY / "sweeps"
 RUN = """
-import runpy, apf, apf.config
+import runpy, apf, apf.config.values
 print(apf.__file__, apf.config.values.config_dir(), sep="\\n")
 runpy.run_module("apf.main", run_name="__main__")
 """
@@ -26,7 +27,7 @@ def installed(once: Callable) -> Path:
     def make(folder: Path) -> Result:
         source = folder / "source"
         source.mkdir()
-        for name in ("apf", "conf", "hydra_plugins"):
+        for name in ("apf", "analysis", "conf", "hydra_plugins", "sweeps"):
             shutil.copytree(REPOSITORY / name, source / name, ignore=shutil.ignore_patterns("__pycache__"))
         for name in ("pyproject.toml", "README.md"):
             shutil.copy(REPOSITORY / name, source / name)
@@ -48,7 +49,8 @@ def test_the_wheel_holds_the_package_and_every_config(installed: Path) -> None:
     with zipfile.ZipFile(wheel) as archive:
         names = {name for name in archive.namelist() if not name.startswith("apf-")}
     configs = {f"apf/conf/{path.relative_to(CONF)}" for path in CONF.rglob("*.yaml")}
-    packages = [REPOSITORY / name for name in ("apf", "hydra_plugins")]
+    configs |= {f"apf/sweeps/{path.relative_to(SWEEPS)}" for path in SWEEPS.rglob("*.yaml")}
+    packages = [REPOSITORY / name for name in ("apf", "analysis", "hydra_plugins")]
     code = {str(path.relative_to(REPOSITORY)) for package in packages for path in package.rglob("*.py")}
     assert names == configs | code
 
@@ -70,6 +72,21 @@ def test_its_configs_are_those_of_the_checkout(installed: Path, tmp_path: Path) 
     there = spawn(command, cwd=tmp_path, PYTHONPATH=str(installed / "site")).must_work()
     assert yaml.safe_load(there.out)["plans"] == 40
     assert there.out == call(*command[2:]).must_work().out
+
+
+@pytest.mark.slow
+def test_its_sweeps_are_those_of_the_checkout(installed: Path, tmp_path: Path) -> None:
+    command = ["-m", "apf.main", "--cfg", "all", "+experiment=strategies"]
+    there = spawn(command, cwd=tmp_path, PYTHONPATH=str(installed / "site")).must_work()
+    composed = yaml.safe_load(there.out)
+    assert composed["hydra"]["sweeper"]["params"]["sampler"] == "sequential,incremental,complete,greedy"
+    assert composed["planner"]["candidates"] == 20_000
+
+
+@pytest.mark.slow
+def test_its_analysis_is_a_package(installed: Path, tmp_path: Path) -> None:
+    there = spawn(["-m", "analysis.plot_regret", "nowhere"], cwd=tmp_path, PYTHONPATH=str(installed / "site"))
+    there.must_refuse("nowhere: no such directory")
 
 
 @pytest.mark.slow

@@ -1,0 +1,1 @@
+"""From run directories to tables and figures, e.g. `python analysis/plot_regret.py DIR`."""

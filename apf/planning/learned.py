@@ -1,0 +1,15 @@
+"""The predictor of a run that learns."""
+
+from typing import Annotated
+
+from pydantic import Field
+
+from apf.settings import Number, settings
+
+
+@settings
+class Learned:
+    """Stands for the ensemble that the run itself trains."""
+
+    odds: Annotated[Number, Field(gt=0, le=1000)]
+    """What the odds of each placement are multiplied by when plans are judged; what to try next is chosen without."""
