@@ -12,7 +12,7 @@ from rich.table import Table
 from analysis.commands import finished_runs, one_line_errors, parser_of
 from apf.errors import InputError
 from apf.report.runs import gather
-from apf.report.terminal import console
+from apf.terminal import console
 
 WIDTH = 140
 

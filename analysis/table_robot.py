@@ -11,7 +11,7 @@ from rich.table import Table
 from analysis.commands import finished_runs, one_line_errors, parser_of
 from apf.errors import InputError
 from apf.report.runs import Run
-from apf.report.terminal import console
+from apf.terminal import console
 
 HELP = "intervention"
 """The purpose of a row that is no pick-and-place."""

@@ -1,6 +1,7 @@
 """python -m apf.main: compose, check, run, report."""
 
 import sys
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,6 @@ from hydra.types import RunMode
 from omegaconf import DictConfig
 
 from apf.config.messages import check_hydra, describe
-from apf.config.schema import Config, settle
 from apf.config.values import config_dir
 from apf.errors import InputError
 from apf.experiment import Experiment
@@ -29,6 +29,7 @@ from apf.rundir.resume import RESUME, go_where_it_began, resumed
 from apf.rundir.store import Store
 from apf.rundir.tables import write_table
 from apf.rundir.versions import changed
+from apf.schema import Config, settle
 from apf.tracking import ConsoleTracker, RunInfo, Tracker, Trackers, log_end
 
 
@@ -146,7 +147,7 @@ def make_experiment(config: Config, model: Ensemble, store: Store, tracker: Trac
 
 def main() -> None:
     """Entry point of the command."""
-    run_command(job, resumed)
+    run_command(job, partial(resumed, known=Config.__dataclass_fields__))
 
 
 if __name__ == "__main__":

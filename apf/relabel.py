@@ -17,6 +17,7 @@ from apf.rundir.claim import CONFIG, JOURNAL, STATE, locked
 from apf.rundir.directory import check_objects, reopen
 from apf.rundir.resume import as_literal, kept_config, shut_off
 from apf.rundir.store import VALUE, Store
+from apf.schema import Config
 from apf.settings import CountOrNone, settings
 
 
@@ -70,7 +71,7 @@ def job(cfg: DictConfig) -> None:
 
 def domain_of(run: Path) -> Domain:
     """The domain that a run directory's config describes, with the objects that are kept there."""
-    kept = OmegaConf.create(as_literal({"domain": kept_config(run)["domain"]}))
+    kept = OmegaConf.create(as_literal({"domain": kept_config(run, Config.__dataclass_fields__)["domain"]}))
     try:
         return build(kept, KeptDomain).domain.kept_in(run)
     except InputError as error:

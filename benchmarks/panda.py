@@ -21,10 +21,10 @@ import numpy as np
 import pandas as pd
 from hydra import compose, initialize_config_dir
 
-from apf.config.schema import validate
 from apf.config.values import config_dir
 from apf.rng import stream
 from apf.rundir.files import read_yaml
+from apf.schema import validate
 from apf.towers import AnalyticWorld, BlockSet, Offset, Towers, random_extensions, random_towers, standing_prefixes
 
 COLUMNS = ["target", "bound", "value", "holds", "command"]

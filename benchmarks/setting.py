@@ -8,13 +8,13 @@ import torch
 from hydra import compose, initialize_config_dir
 from omegaconf import DictConfig
 
-from apf.config.schema import Config, validate
 from apf.config.values import config_dir
 from apf.domain import Labelled, World
 from apf.main import make_model
 from apf.models import Ensemble
 from apf.models.examples import Examples, examples
 from apf.rng import stream
+from apf.schema import Config, validate
 from apf.towers import TowerDomain, Towers
 
 SEED = 0

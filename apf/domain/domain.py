@@ -14,7 +14,7 @@ from apf.errors import InputError
 
 
 class Objects(Protocol):
-    """The objects that plans are made of, such as a set of blocks or of boxes."""
+    """The objects that plans are made of."""
 
     @property
     def digest(self) -> str:
@@ -41,9 +41,9 @@ class Domain(ABC):
     n_position: ClassVar[int]
     """D: how many of them, the last ones, are its position."""
     plan_word: ClassVar[str] = "plan"
-    """What a plan is called in tables and figures, e.g. tower."""
+    """What a plan is called in tables and figures."""
     object_word: ClassVar[str] = "placement"
-    """What is placed, e.g. block."""
+    """What its objects are called."""
     object_files: ClassVar[tuple[str, ...]] = ()
     """Names of the files in which a run directory keeps the objects of its plans."""
 

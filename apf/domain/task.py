@@ -15,7 +15,7 @@ class Task(ABC):
     """Whose plans it values; None: any domain's."""
 
     title: ClassVar[str] = ""
-    """For figures, e.g. Tallest tower; by default its name in the config."""
+    """What figures call it; by default its name in the config."""
 
     unit: str
     """Unit of the value, for tables and figures."""

@@ -21,8 +21,8 @@ from apf.config.messages import no_such_key
 from apf.config.values import config_dir
 from apf.errors import InputError, Stopped
 from apf.interrupts import Interrupted, end_with_parent, watch_signals
-from apf.report.terminal import accept_any_name
 from apf.rundir.resume import quoted
+from apf.terminal import accept_any_name
 
 MISTAKES = (InputError, HydraException, OmegaConfBaseException)
 ONE_LINE = (*MISTAKES, Stopped)

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import torch
 
-from apf.config.schema import Config
 from apf.domain import Domain
 from apf.errors import InputError
 from apf.models import EnsembleSettings
+from apf.schema import Config
 
 GIB = 2**30
 PLACEMENT = 200

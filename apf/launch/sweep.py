@@ -21,16 +21,16 @@ from omegaconf import DictConfig, OmegaConf, open_dict
 
 from apf.config.build import build
 from apf.config.messages import check_hydra
-from apf.config.schema import Config, check_together, with_values
 from apf.config.values import name_of, plain, understood
 from apf.errors import InputError, Stopped
 from apf.interrupts import Interrupted
 from apf.launch.cli import FOLLOWER, MISTAKES, one_line
 from apf.launch.machine import check_machine, cores
 from apf.planning.objective import Objective, must_be_number, optimises, outcome, returned
-from apf.report.terminal import console
 from apf.rundir.directory import as_typed, check, finished, hydra_arguments, output_directory
 from apf.rundir.resume import quoted
+from apf.schema import Config, check_together, with_values
+from apf.terminal import console
 from apf.tracking import Board, ProgressFile
 from apf.tracking.progress import still
 

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from matplotlib.lines import Line2D
 
 PANEL = (2.6, 2.3)
-"""Width and height of one panel [inch]."""
+"""How wide and how tall one panel is [inch]."""
 MARKERS = "os^DvX"
 """Of the groups in turn: some of their colours are close to each other."""
 
@@ -76,7 +76,7 @@ def plot_accuracy(curves: pd.DataFrame, words: Words) -> "Figure":
 
 
 def plural(word: str) -> str:
-    """Of a noun in English: towers, boxes."""
+    """Of a noun in English; of one that ends in a hiss, too."""
     return word + ("es" if word.endswith(("s", "x", "ch", "sh")) else "s")
 
 
@@ -118,14 +118,14 @@ def _panels(
     colours = dict(zip(groups, sns.color_palette("colorblind", len(groups)), strict=True))
     style: Any = {"font.size": 8, "axes.titlesize": 9, "axes.labelsize": 8, "legend.fontsize": 8, "pdf.fonttype": 42}
     with sns.axes_style("ticks", {"axes.grid": True, "grid.color": "0.92"}), mpl.rc_context(style):
-        width, height = PANEL
+        wide, tall = PANEL
         cells = [(quantity, curves, value) for quantity, curves in rows.items() for value in titles]
         columns = -(-len(titles) // 2) if len(rows) == 1 and len(titles) > 4 else len(titles)
         depth = -(-len(cells) // columns)
         entry = 0.5 + 0.062 * max(map(len, groups))  # of the legend [inch], about
-        abreast = min(6, max(1, int(width * columns / entry)))
+        abreast = min(6, max(1, int(wide * columns / entry)))
         legend_rows = -(-len(groups) // abreast) if len(groups) > 1 else 0
-        size = (max(width * columns, entry) + 0.3, height * depth + 0.2 * legend_rows)
+        size = (max(wide * columns, entry) + 0.3, tall * depth + 0.2 * legend_rows)
         figure, grid = plt.subplots(
             depth, columns, figsize=size, sharex=True, sharey=True, squeeze=False, layout="constrained"
         )

@@ -4,14 +4,13 @@ import copy
 import os
 import re
 import sys
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
 from hydra.core.config_store import ConfigStore
 from hydra.core.override_parser.types import Quote, QuotedString
 
-from apf.config.schema import Config
 from apf.config.values import KEPT_DOMAIN
 from apf.errors import InputError
 from apf.rundir.claim import CONFIG, JOURNAL, LOCK, STATE, TABLES, WORLD_TABLE
@@ -29,10 +28,15 @@ NOT_WITH_RESUME = ("-m", "--multirun", "hydra.mode=")
 ITS_OWN = ("hydra.run.dir=", "--config-name", "-cn")
 
 
-def resumed(arguments: list[str]) -> list[str]:
+def resumed(arguments: list[str], known: Collection[str]) -> list[str]:
     """The command line with `resume=DIR` replaced: Hydra composes what DIR keeps, and what else the line says wins.
 
-    Raises InputError if there is no run to go on with, or its directory is none.
+    Args:
+        arguments: Of the command line.
+        known: The keys of a run's config.
+
+    Raises:
+        InputError: There is no run to go on with, or its directory is none.
     """
     resume = [text for text in arguments if text.startswith("resume=")]
     if not resume:
@@ -47,7 +51,7 @@ def resumed(arguments: list[str]) -> list[str]:
     if not ((directory / CONFIG).exists() and (directory / STATE).exists()):
         raise InputError(f"resume={directory}: no run there; give a directory that holds {CONFIG} and {STATE}")
     shut_off(directory)
-    config, state = kept_config(directory), read_state(directory)
+    config, state = kept_config(directory, known), read_state(directory)
     store(directory, config, state["choices"])
     return [*others, "--config-name", RESUME]
 
@@ -59,7 +63,7 @@ def shut_off(directory: Path) -> None:
     """
     home = directory.resolve()
     sys.path[:] = [entry for entry in sys.path if not _is_inside(Path(entry or "."), home)]
-    names = (CONFIG, STATE, JOURNAL, LOCK, *TABLES, WORLD_TABLE, "run.log", "weights", "figures")
+    names = (CONFIG, STATE, JOURNAL, LOCK, *TABLES, WORLD_TABLE, "run.log", "*.csv", "weights", "figures")
     for name in (*names, "weights/*", "figures/*", "wandb"):
         for path in directory.glob(name):
             if path.is_symlink() and not _is_inside(path, home):
@@ -73,11 +77,10 @@ def _is_inside(path: Path, home: Path) -> bool:
         return False
 
 
-def kept_config(directory: Path) -> dict[str, Any]:
-    """The plain config that a run directory keeps. Raises InputError if a key of it is none of a run's."""
+def kept_config(directory: Path, known: Collection[str]) -> dict[str, Any]:
+    """The plain config that a run directory keeps. Raises InputError if its keys are not the known ones."""
     path = directory / CONFIG
     config = read_config(directory)
-    known = Config.__dataclass_fields__
     for key in config:
         if key not in known:
             raise InputError(f"{path}: {key}: there is no such key; known here: {', '.join(known)}")

@@ -1,12 +1,13 @@
 """The stacking domain: blocks, towers, rotations, the analytic rule, features and files."""
 
 from apf.towers.balanced import balanced_towers
-from apf.towers.blocks import BlockSet, BlockSource
+from apf.towers.blocks import BlockSet
 from apf.towers.domain import TowerDomain
 from apf.towers.features import N_FEATURES, N_POSITION, features
 from apf.towers.files import read_blocks, read_towers, write_blocks, write_towers
 from apf.towers.predictors import AnalyticPredictor, SimulationPredictor
 from apf.towers.rotations import QUATERNIONS, ROTATIONS, rotation_index
+from apf.towers.sources import BlockSource
 from apf.towers.stability import standing_prefixes, stands
 from apf.towers.tasks import Overhang, Tallest, Unsupported
 from apf.towers.towers import Offset, Towers, random_extensions, random_towers

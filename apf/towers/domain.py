@@ -19,9 +19,10 @@ from apf.domain import Domain, NamedPlans
 from apf.errors import InputError
 from apf.settings import Whole, settings
 from apf.towers.balanced import balanced_towers
-from apf.towers.blocks import BlockSet, BlockSource
+from apf.towers.blocks import BlockSet
 from apf.towers.features import N_FEATURES, N_POSITION, features, mirrored, weighed
 from apf.towers.files import read_blocks, read_towers, tower_table, write_blocks
+from apf.towers.sources import BlockSource
 from apf.towers.stability import stands
 from apf.towers.towers import Offset, Towers, random_extensions, random_towers
 

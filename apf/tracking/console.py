@@ -13,7 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from apf.errors import InputError, Stopped
-from apf.report.terminal import console
+from apf.terminal import console
 from apf.tracking.base import Figures, RunInfo, Tracker
 from apf.tracking.progress import Estimate, Progress, ProgressFile, times
 

@@ -8,11 +8,11 @@ import pytest
 from hydra import compose, initialize_config_dir
 from omegaconf import DictConfig
 
-from apf.config.schema import validate
 from apf.config.values import config_dir
 from apf.domain import Kind
 from apf.main import make_experiment, make_model
 from apf.rundir.store import Store
+from apf.schema import validate
 from apf.tracking import NoTracker
 from integration.command_line import TINY, options
 

@@ -161,7 +161,7 @@ def test_every_place(foreign: Path, calls: list[str], place: str) -> None:
         ("world/_target_", "apf.domain.world.labels_from"),
         ("evaluation/_target_", "apf.planning.EvaluationSettings.__init__"),
         ("training/_partial_", True),
-        ("_target_", "apf.config.schema.Config"),
+        ("_target_", "apf.schema.Config"),
         ("_partial_", True),
         ("hydra", {"searchpath": ["file://evil"]}),
         ("hydra", {"callbacks": {"x": {"_target_": "os.system", "command": "touch sprung"}}}),

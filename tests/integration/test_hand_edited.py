@@ -14,11 +14,12 @@ from apf.errors import InputError
 from apf.relabel import domain_of
 from apf.report.runs import find_runs, label_runs
 from apf.report.summary import print_summary
-from apf.report.terminal import console
 from apf.rundir.directory import check, finished, lengthen, reopen
 from apf.rundir.kept import read_config, read_state
 from apf.rundir.resume import go_where_it_began, resumed
 from apf.rundir.store import Store
+from apf.schema import Config
+from apf.terminal import console
 from integration.command_line import ANALYSIS, TINY, call, spawn
 
 GONE = object()
@@ -75,7 +76,7 @@ def readers(run: Path) -> Iterator[tuple[str, Callable[[], Any]]]:
         with (run.parent / "said.txt").open("w") as file:
             print_summary(run, console(file=file))
 
-    yield "resume", lambda: resumed([f"resume={run}"])
+    yield "resume", lambda: resumed([f"resume={run}"], Config.__dataclass_fields__)
     yield "resume, where it began", lambda: go_where_it_began(run)
     yield "relabel", lambda: domain_of(run)
     yield "the same command again", lambda: check(run, config, domain)

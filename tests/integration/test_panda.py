@@ -14,9 +14,9 @@ import pytest
 import yaml
 from hydra import compose, initialize_config_dir
 
-from apf.config.schema import validate
 from apf.config.values import config_dir
 from apf.panda import PandaWorld
+from apf.schema import validate
 from apf.towers import BlockSet, NoisyWorld, Towers, write_blocks, write_towers
 from integration.command_line import CONF, TINY, call, child_environment, spawn
 

@@ -14,9 +14,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from apf.launch.cli import typed
-from apf.report.terminal import console
 from apf.rng import stream
 from apf.rundir.resume import quoted
+from apf.terminal import console
 from apf.towers import BlockSource, random_towers, write_towers
 from integration.command_line import ANALYSIS, TINY, call, spawn
 
@@ -110,7 +110,7 @@ def test_a_robot_table(odd_run: tuple[Path, str, str], tmp_path: Path) -> None:
 
 def test_names_that_are_no_text(tmp_path: Path) -> None:
     """A file name of bytes that are no UTF-8, as other systems write them: shown escaped, where it cannot be shown."""
-    code = "import sys; from apf.report.terminal import accept_any_name; accept_any_name(); print('a\\udcffb')"
+    code = "import sys; from apf.terminal import accept_any_name; accept_any_name(); print('a\\udcffb')"
     assert spawn(["-c", code], cwd=tmp_path).must_work().out == "a\\udcffb\n"
 
 

@@ -11,12 +11,12 @@ import torch
 import yaml
 from hydra import compose, initialize_config_dir
 
-from apf.config.schema import validate
 from apf.config.values import config_dir
 from apf.domain import Kind
 from apf.main import make_model
 from apf.planning import Evaluator
 from apf.rundir.store import Store
+from apf.schema import validate
 from apf.towers import NoisyWorld, read_towers, standing_prefixes
 from apf.towers.files import TOWER_COLUMNS
 from integration.command_line import SMOKE, TINY, Result, call

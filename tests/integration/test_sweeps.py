@@ -8,8 +8,8 @@ import pytest
 import yaml
 from hydra import compose, initialize_config_dir
 
-from apf.config.schema import validate
 from apf.config.values import config_dir
+from apf.schema import validate
 from integration.command_line import REPOSITORY, TINY, call
 
 SWEEPS = REPOSITORY / "sweeps"

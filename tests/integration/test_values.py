@@ -14,7 +14,6 @@ from hydra.utils import get_class
 from omegaconf import DictConfig, OmegaConf
 
 from apf.config.build import build
-from apf.config.schema import validate
 from apf.config.values import config_dir, without
 from apf.errors import InputError, shown
 from apf.label import LabelConfig
@@ -22,6 +21,7 @@ from apf.launch.cli import MISTAKES, one_line
 from apf.launch.machine import check_machine
 from apf.main import make_model
 from apf.relabel import RelabelConfig
+from apf.schema import validate
 from integration.command_line import TINY, call, options
 
 VALUES: dict[str, Any] = {
