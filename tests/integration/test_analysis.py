@@ -91,7 +91,7 @@ def test_one_panel_for_each_task_and_length(sweep: Path, monkeypatch: pytest.Mon
 
     legends: dict[str, list[str]] = {}
     monkeypatch.setattr(apf.report.figures, "save", keeping)
-    monkeypatch.delitem(sys.modules, "curves", raising=False)
+    monkeypatch.delitem(sys.modules, "analysis.curves", raising=False)
     for name in SCRIPTS:
         plot(monkeypatch, name, sweep / "runs" / "mine", "--out", tmp_path / name)
     titles = ["Tallest tower", "Longest overhang", "Maximum unsupported area"]
@@ -126,7 +126,7 @@ def test_curves_can_end_early(sweep: Path, monkeypatch: pytest.MonkeyPatch, tmp_
     )
     with pytest.raises(SystemExit) as stop:
         plot(monkeypatch, "accuracy", sweep / "runs" / "mine", "--out", short, "--until", "9")
-    assert stop.value.code == "error: --until 9: the first evaluation came at 10 towers"
+    assert stop.value.code == "error: --until 9: the first evaluation came at 10 plans"
 
 
 @pytest.mark.slow
@@ -307,7 +307,7 @@ def test_find_runs_and_gather(sweep: Path, tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_table_regret(sweep: Path, tmp_path: Path) -> None:
     folder = sweep / "runs" / "mine"
-    result = spawn([TABLE, folder, "--out", tmp_path / "regret.csv", "--towers", "11"], cwd=tmp_path).must_work()
+    result = spawn([TABLE, folder, "--out", tmp_path / "regret.csv", "--plans", "11"], cwd=tmp_path).must_work()
     table = pd.read_csv(tmp_path / "regret.csv")
     assert len(table) == 2 * 2 * 3 * 2
     assert set(table["chosen"]) == {2 * 3}  # runs x problems
@@ -320,7 +320,7 @@ def test_table_regret(sweep: Path, tmp_path: Path) -> None:
         assert np.allclose(row[["q25", "median", "q75", "mean"]].astype(float), expected, atol=1e-4, equal_nan=True)
     shown = [line.split()[1] for line in result.out.splitlines() if line.split()[0] in ("sequential", "random_ss")]
     assert shown == ["10"] * 2 * 2 * 3
-    spawn([TABLE, folder, "--towers", "3"], cwd=tmp_path).must_refuse("no regret")
+    spawn([TABLE, folder, "--plans", "3"], cwd=tmp_path).must_refuse("no regret")
 
 
 @pytest.mark.slow
