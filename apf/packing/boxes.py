@@ -21,7 +21,7 @@ ALONG = np.array([[0, 1, 2], [1, 0, 2], [1, 2, 0], [2, 1, 0], [2, 0, 1], [0, 2, 
 """[6, 3]: the box's axis that lies along each axis of the container in each of `ORIENTATIONS`."""
 GRIP = np.array([0, 1, 0, 1, 0, 1])
 """[6]: the container's axis, x or y, on which the fingers grip: it turns with the box."""
-SIDES = (1e-4, 10.0)
+SIDES = (1e-3, 10.0)
 """Sides of a box [m]."""
 VALUES = (0.0, 1e9)
 """Values of a box."""

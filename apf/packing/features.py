@@ -26,14 +26,17 @@ def features(packings: Packings) -> np.ndarray:
     """
     n, k = packings.box.shape
     container, half = packings.cell.container, packings.dims / 2
+    gripper = packings.cell.gripper
+    gripped = packings.grip[..., None] == np.arange(2)
+    reach = np.where(gripped, half[..., :2] + gripper.thickness, np.maximum(half[..., :2], gripper.width / 2))
     x = np.empty((n, k, N_FEATURES), np.float32)
     x[..., DIM_X : DIM_X + 3] = packings.dims / LENGTH - 1
     x[..., GRIP] = 2 * packings.grip - 1
     for axis, first in enumerate((WALL_X, WALL_Y)):
         for side, sign in enumerate((1, -1)):
-            distance = container.half[axis] + sign * packings.xy[..., axis] - half[..., axis]
-            x[..., first + side] = distance / LENGTH - 1
-    x[..., 8] = (container.height - packings.z - packings.dims[..., 2]) / LENGTH - 1
+            distance = container.half[axis] + sign * packings.xy[..., axis] - reach[..., axis]
+            x[..., first + side] = near(distance)
+    x[..., 8] = near(container.height - packings.z - packings.dims[..., 2])
     x[..., X : X + 2] = packings.xy / LENGTH
     x[..., 11] = (packings.z + half[..., 2]) / LENGTH
     x[..., 12] = np.arange(k) / TURNS
@@ -69,3 +72,10 @@ def views(packings: Packings) -> Iterator[np.ndarray]:
         for y in (x, mirrored(x, 0)):
             yield y
             yield mirrored(y, 1)
+
+
+NEAR = float(__import__("os").environ.get("NEAR", 0.03))
+
+
+def near(distance):
+    return np.tanh(distance / NEAR)

@@ -154,7 +154,7 @@ def inside_hull(point: np.ndarray, low: np.ndarray, high: np.ndarray, used: np.n
     """[N] bool: do points lie inside the convex hull of rectangles? On its border does not count.
 
     Exact: a point lies outside, or on the border, if a straight line through it has all corners on one side or on the
-    line; one such line then runs through a corner.
+    line; one such line then runs through another corner.
 
     Args:
         point: [2, N].
@@ -162,7 +162,7 @@ def inside_hull(point: np.ndarray, low: np.ndarray, high: np.ndarray, used: np.n
         high: [M, 2, N] the opposite corners.
         used: [M, N] bool: which rectangles there are.
     """
-    inside: np.ndarray = (((low < point) & (point < high)).all(1) & used).any(0)
+    inside = np.logical_or.reduce(((low < point) & (point < high)).all(1) & used)
     rest = np.flatnonzero(~inside & (used.sum(0) > 1))
     if len(rest):
         first = used[:, rest].argmax(0)
@@ -174,6 +174,6 @@ def inside_hull(point: np.ndarray, low: np.ndarray, high: np.ndarray, used: np.n
         outside = np.zeros(len(rest), bool)
         for c in range(len(x)):
             side = x[c] * y - y[c] * x
-            outside |= (side >= 0).all(0) | (side <= 0).all(0)
+            outside |= ((x[c] != 0) | (y[c] != 0)) & ((side >= 0).all(0) | (side <= 0).all(0))
         inside[rest] = ~outside
     return inside
