@@ -123,7 +123,7 @@ class BoxSource:
     seed: Seed = 0
     prefix: Name = "box"
     """Boxes are named prefix_00, prefix_01, ..."""
-    side: Annotated[tuple[Side, Side], AfterValidator(_from_low_to_high)] = (0.04, 0.11)
+    side: Annotated[tuple[Side, Side], AfterValidator(_from_low_to_high)] = (0.05, 0.12)
     """Range of each side [m]."""
     value: Annotated[tuple[Value, Value], AfterValidator(_from_low_to_high)] = (1.0, 10.0)
     """Range of the value."""

@@ -19,11 +19,11 @@ LEVEL = 1e-4
 class Container:
     """An open container: its inner sides [m]. Coordinates begin in the middle of its floor."""
 
-    length: Metres = 0.36
+    length: Metres = 0.34
     """Along x."""
-    width: Metres = 0.28
+    width: Metres = 0.26
     """Along y."""
-    height: Metres = 0.2
+    height: Metres = 0.18
     """From the floor to the rim."""
 
     @cached_property
