@@ -6,7 +6,7 @@ from pathlib import Path
 import hydra
 import numpy as np
 import pandas as pd
-from omegaconf import DictConfig
+from omegaconf import DictConfig, open_dict
 
 from apf.config.build import build
 from apf.config.values import config_dir
@@ -32,8 +32,9 @@ class LabelConfig:
 @one_line_errors
 def job(cfg: DictConfig) -> None:
     """Read, execute, write one row per placement: the plan's name, position, label (empty after the first fall)."""
-    for unused in ("model", "task"):
-        cfg.pop(unused, None)
+    with open_dict(cfg):
+        for unused in ("model", "task"):
+            cfg.pop(unused, None)
     config = build(cfg, LabelConfig)
     check_ending(config.out)
     batches = config.domain.read_plans(config.plans)
