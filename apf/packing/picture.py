@@ -138,8 +138,9 @@ def _box(ax: Axes, packing: Packings, i: int, up: int, pale: bool, failed: bool)
         name = packing.boxes.name[packing.box[0, i]]
         above, upright = up == 1, sides[1] > sides[0]
         ax.text(
-            *corner + (sides / 2 if above else [sides[0] / 2, sides[1] - 0.9]),
-            s=f"{i}\n{name}" if above else str(i),
+            corner[0] + sides[0] / 2,
+            corner[1] + (sides[1] / 2 if above else sides[1] - 0.9),
+            f"{i}\n{name}" if above else str(i),
             fontsize=6.5,
             ha="center",
             va="center",

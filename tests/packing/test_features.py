@@ -39,6 +39,13 @@ def test_room_ends_at_boxes_that_rise_above_the_fingers(pack):
         np.testing.assert_allclose(x[0, placement, 4 + side], np.tanh(expected / NEAR), rtol=1e-4)
 
 
+def test_room_of_a_finger_is_as_wide_as_the_finger(pack):
+    beside = features(pack(("a", "z0", 0.0, 0.0), ("b", "z0", 0.3, 0.2)))[0, 1, 4]
+    in_the_way = features(pack(("a", "z0", 0.0, 0.0), ("b", "z0", 0.3, 0.18)))[0, 1, 4]
+    assert beside > 0.99
+    np.testing.assert_allclose(in_the_way, np.tanh((0.3 - 0.25 - 1 / 16) / NEAR), rtol=1e-4)
+
+
 def mirrored_plans(plans, square):
     """The plans that `views` promises the features of, in its order."""
     swaps = [False, True] if square else [False]

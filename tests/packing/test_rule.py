@@ -59,6 +59,8 @@ FINGER = 1 / 16
         # a cube on the end of a plate that lies on a cube; on its middle all is well
         ([("a", "z0", 0.0, 0.0), ("p", "z0", 0.0, 0.0), ("s", "x90", 0.0, 0.0)], NONE),
         ([("a", "z0", 0.0, 0.0), ("p", "z0", 0.1, 0.0), ("s", "x90", 0.28, 0.0)], PUSHED),
+        # what rests on one box alone presses where its centre of mass is
+        ([("a", "z0", 0.0, 0.0), ("p", "z0", 0.05, 0.0), ("s", "x90", 0.05, 0.0)], NONE),
     ],
 )
 def test_by_hand(pack, placements, last):
