@@ -82,3 +82,10 @@ def settings(cls: type[T]) -> type[T]:
     cls.__annotations__ = {name: strict(annotation) for name, annotation in cls.__annotations__.items()}
     config = ConfigDict(extra="forbid", arbitrary_types_allowed=True, allow_inf_nan=False)
     return dataclass(frozen=True, kw_only=True, config=config)(cls)  # type: ignore[return-value]
+
+
+def from_low_to_high(bounds: tuple[float, float]) -> tuple[float, float]:
+    """The bounds of a range as they are. Raises ValueError if the upper one comes first."""
+    if bounds[0] > bounds[1]:
+        raise ValueError(f"is {bounds[0]:g} to {bounds[1]:g}; the lower bound comes first")
+    return bounds

@@ -48,6 +48,7 @@ def main() -> int:
     if options.dry:
         return 0
     with tempfile.TemporaryDirectory(prefix="apf-lowest-") as folder:
+        Path(folder).chmod(0o755)  # some tests run as another user
         venv.create(folder, with_pip=True)
         python = Path(folder, "Scripts" if sys.platform == "win32" else "bin", "python")
         install = [python, "-m", "pip", "install", "--quiet"]

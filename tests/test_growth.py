@@ -180,7 +180,7 @@ def test_the_history_is_what_was_told_step_by_step(tmp_path: Path, domain: Tower
             rows = rows[(rows["step"] == figures.step) & (rows["problem"] == 1)]
             row = rows[(rows["world"] == "noisy") & (rows["task"] == "tallest")].iloc[0]
             assert figures.metrics["regret/noisy/tallest"] == row["regret"], "the other problem has none"
-            assert figures.metrics["standing/noisy/tallest"] == 0.5
+            assert figures.metrics["success/noisy/tallest"] == 0.5
             assert next(iter(figures.metrics)) == "regret/analytic/tallest"
             accuracy = store.accuracy(figures.step).set_index("length")["accuracy"]
             assert figures.metrics["accuracy/3"] == accuracy[3]

@@ -1,12 +1,13 @@
 """The packing domain: boxes that a gripper packs from above into a container (appendix, Method Generalizability)."""
 
-from apf.packing.boxes import ORIENTATIONS, BoxSet, BoxSource
+from apf.packing.boxes import ORIENTATIONS, BoxSet
 from apf.packing.domain import PackingDomain
 from apf.packing.files import read_boxes, read_packings, write_boxes, write_packings
 from apf.packing.packings import Cell, Container, Gripper, Packings
 from apf.packing.predictors import AnalyticPredictor, SimulationPredictor
 from apf.packing.random_packings import Places, random_extensions, random_packings
 from apf.packing.rule import Failure, failures, packed, packed_prefixes
+from apf.packing.sources import BoxSource
 from apf.packing.tasks import Flat, Value, Volume
 from apf.packing.worlds import AnalyticWorld, NoisyWorld
 

@@ -5,15 +5,10 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
-from typing import Annotated
 
 import numpy as np
-from pydantic import AfterValidator, Field
 
 from apf.errors import InputError
-from apf.rng import stream
-from apf.settings import Name, Number, Seed, Whole, settings
 
 ORIENTATIONS = ("z0", "z90", "x0", "x90", "y0", "y90")
 """The box's axis that is vertical, and the quarter turn about it [deg]."""
@@ -102,41 +97,3 @@ def first_fault(names: Sequence[str], dims: np.ndarray, value: np.ndarray) -> tu
             return i, f"box {name}: the name stands twice; names must be unique"
         seen.add(name)
     return None
-
-
-def _from_low_to_high(bounds: tuple[float, float]) -> tuple[float, float]:
-    if bounds[0] > bounds[1]:
-        raise ValueError(f"is {bounds[0]:g} to {bounds[1]:g}; the lower bound comes first")
-    return bounds
-
-
-Side = Annotated[Number, Field(ge=SIDES[0], le=SIDES[1])]
-Value = Annotated[Number, Field(ge=VALUES[0], le=VALUES[1])]
-
-
-@settings
-class BoxSource:
-    """Where a box set comes from: a file, or uniform distributions, fixed by a seed of their own."""
-
-    boxes: Annotated[Whole, Field(ge=1, le=10000)] = 20
-    """How many to draw."""
-    seed: Seed = 0
-    prefix: Name = "box"
-    """Boxes are named prefix_00, prefix_01, ..."""
-    side: Annotated[tuple[Side, Side], AfterValidator(_from_low_to_high)] = (0.05, 0.12)
-    """Range of each side [m]."""
-    value: Annotated[tuple[Value, Value], AfterValidator(_from_low_to_high)] = (1.0, 10.0)
-    """Range of the value."""
-    file: Path | None = None
-    """A box file (CSV or parquet) to use instead of random boxes."""
-
-    def load(self) -> BoxSet:
-        """The boxes of the file, or random ones. Raises InputError if the file is wrong."""
-        if self.file is not None:
-            from apf.packing.files import read_boxes
-
-            return read_boxes(self.file)
-        rng = stream(self.seed, "boxes")
-        dims = rng.uniform(*self.side, (self.boxes, 3))
-        value = rng.uniform(*self.value, self.boxes)
-        return BoxSet(tuple(f"{self.prefix}_{i:02d}" for i in range(self.boxes)), dims, value)

@@ -17,12 +17,13 @@ from pydantic import Field
 from apf.domain import Domain, NamedPlans
 from apf.errors import InputError
 from apf.packing.balanced import balanced_packings
-from apf.packing.boxes import ORIENTATIONS, BoxSet, BoxSource
+from apf.packing.boxes import ORIENTATIONS, BoxSet
 from apf.packing.features import N_FEATURES, N_POSITION, features, views
 from apf.packing.files import packing_table, read_boxes, read_packings, write_boxes
 from apf.packing.packings import Cell, Container, Gripper, Packings
 from apf.packing.random_packings import Places, random_extensions, random_packings
 from apf.packing.rule import packed
+from apf.packing.sources import BoxSource
 from apf.settings import Number, Switch, settings
 
 

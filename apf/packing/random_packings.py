@@ -5,9 +5,9 @@ from typing import Annotated
 import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
-from apf.packing.boxes import GRIP, ORIENTATIONS, BoxSet, _from_low_to_high
+from apf.packing.boxes import GRIP, ORIENTATIONS, BoxSet
 from apf.packing.packings import Cell, Packings
-from apf.settings import Number, settings
+from apf.settings import Number, from_low_to_high, settings
 
 Share = Annotated[Number, Field(ge=0, le=1)]
 Gap = Annotated[Number, Field(ge=-10, le=10)]
@@ -28,7 +28,7 @@ class Places:
     """How often beside a box that lies there."""
     stacked: Share = 0.3
     """How often on that box: its centre is up to half that box's side away from the other's."""
-    gap: Annotated[tuple[Gap, Gap], AfterValidator(_from_low_to_high)] = (-0.002, 0.03)
+    gap: Annotated[tuple[Gap, Gap], AfterValidator(from_low_to_high)] = (-0.002, 0.03)
     """Range of the gap to a wall or box [m]: below 0 they overlap, above the fingers' thickness they fit."""
     room: Annotated[Number, Field(ge=0, le=10)] = 0.01
     """Around the first box and its fingers [m], at least."""

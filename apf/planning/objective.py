@@ -35,7 +35,7 @@ def figures(regret: pd.DataFrame, accuracy: pd.DataFrame) -> dict[int, dict[str,
     """
     found: dict[int, dict[str, float]] = {}
     by = regret.sort_values(["step", "world"], kind="stable").groupby(["step", "world", "task"], sort=False)
-    for name, values in (("regret", by["regret"].median()), ("standing", by["feasible"].mean())):
+    for name, values in (("regret", by["regret"].median()), ("success", by["feasible"].mean())):
         for (step, world, task), value in zip(values.index.tolist(), values.tolist(), strict=True):
             found.setdefault(step, {})[f"{name}/{world}/{task}"] = value
     rows = (accuracy[column].tolist() for column in ("step", "length", "accuracy"))
@@ -48,7 +48,7 @@ def names_of(evaluation: EvaluationSettings, tasks: Iterable[str]) -> list[str]:
     """The names that `figures` has for evaluations of these settings."""
     where = [f"{world}/{task}" for world in sorted(evaluation.worlds) for task in tasks] if evaluation.problems else []
     lengths = evaluation.lengths if evaluation.test_plans else []
-    kinds = [f"{kind}/{name}" for kind in ("regret", "standing") for name in where]
+    kinds = [f"{kind}/{name}" for kind in ("regret", "success") for name in where]
     return kinds + [f"accuracy/{length}" for length in lengths]
 
 

@@ -35,7 +35,7 @@ def print_summary(directory: Path, console: Console) -> None:
     console.print()
     console.print(Text.assemble((f"{plans} labelled plans", "bold"), f" in {_duration(seconds)}"))
     if len(regret):
-        table = Table("world", "task", "median regret", "quartiles", "standing", box=None, pad_edge=False)
+        table = Table("world", "task", "median regret", "quartiles", "succeeded", box=None, pad_edge=False)
         regret = regret.sort_values("world", kind="stable")
         for names, group in regret.groupby(["world", "task"], sort=False):
             low, median, high = group["regret"].quantile([0.25, 0.5, 0.75])

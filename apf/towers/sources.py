@@ -7,16 +7,9 @@ from pydantic import AfterValidator, Field
 
 from apf.errors import InputError
 from apf.rng import stream
-from apf.settings import Name, Number, Seed, Whole, settings
+from apf.settings import Name, Number, Seed, Whole, from_low_to_high, settings
 from apf.towers.blocks import MOST, BlockSet
 from apf.towers.files import read_blocks
-
-
-def _from_low_to_high(bounds: tuple[float, float]) -> tuple[float, float]:
-    if bounds[0] > bounds[1]:
-        raise ValueError(f"is {bounds[0]:g} to {bounds[1]:g}; the lower bound comes first")
-    return bounds
-
 
 Side = Annotated[Number, Field(ge=0.0001, le=10)]
 Mass = Annotated[Number, Field(ge=0.000001, le=10_000)]
@@ -31,9 +24,9 @@ class BlockSource:
     seed: Seed = 0
     prefix: Name = "block"
     """Blocks are named prefix_00, prefix_01, ..."""
-    side: Annotated[tuple[Side, Side], AfterValidator(_from_low_to_high)] = (0.05, 0.15)
+    side: Annotated[tuple[Side, Side], AfterValidator(from_low_to_high)] = (0.05, 0.15)
     """Range of each side [m]."""
-    mass: Annotated[tuple[Mass, Mass], AfterValidator(_from_low_to_high)] = (0.1, 1.0)
+    mass: Annotated[tuple[Mass, Mass], AfterValidator(from_low_to_high)] = (0.1, 1.0)
     """Range of the mass [kg]."""
     com_share: Annotated[Number, Field(ge=0, lt=1)] = 0.9
     """The centre of mass lies in this middle share of the block, on each axis."""

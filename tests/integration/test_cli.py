@@ -24,7 +24,7 @@ def test_a_run_shows_each_step_as_lines(smoke: tuple[Path, Result]) -> None:
     topics = [
         match.groups() for line in lines if (match := re.match(r"step (\d+), (\d+) towers, (\w+): [\w/]+ \S", line))
     ]
-    evaluated = ["data", "score", "loss", "regret", "standing", "accuracy"]
+    evaluated = ["data", "score", "loss", "regret", "success", "accuracy"]
     assert topics == [
         *(("0", "20", topic) for topic in ("data", "loss")),
         *(("1", "30", topic) for topic in evaluated),

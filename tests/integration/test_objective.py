@@ -39,9 +39,9 @@ def test_figures_of_an_evaluation() -> None:
     assert last == {
         "regret/analytic/tallest": 0.0,
         "regret/noisy/tallest": 0.4,
-        "standing/analytic/tallest": 1.0,
-        "standing/noisy/tallest": pytest.approx(2 / 3),
-        "standing/noisy/overhang": 0.0,
+        "success/analytic/tallest": 1.0,
+        "success/noisy/tallest": pytest.approx(2 / 3),
+        "success/noisy/overhang": 0.0,
         "accuracy/2": 0.75,
     }
 

@@ -143,7 +143,7 @@ def test_what_is_told(here: Path, fakes: list[FakeRun]) -> None:
         for world, task in product(("analytic", "noisy"), ("tallest", "overhang", "unsupported")):
             mine = regret[(regret["step"] == step) & (regret["task"] == task) & (regret["world"] == world)]
             assert figures[f"regret/{world}/{task}"] == pytest.approx(mine["regret"].median(), nan_ok=True)
-            assert figures[f"standing/{world}/{task}"] == mine["feasible"].mean()
+            assert figures[f"success/{world}/{task}"] == mine["feasible"].mean()
         assert figures["accuracy/2"] == accuracy[accuracy["step"] == step]["accuracy"].item()
     for figures in told.values():
         assert {"loss/train", "data/feasible_share"} <= set(figures)

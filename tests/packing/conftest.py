@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from apf.packing import BoxSet, Cell, Container, Gripper, PackingDomain, Packings
-from apf.packing.boxes import BoxSource
+from apf.packing.sources import BoxSource
 
 Placement = tuple[str, str, float, float]
 """Box, orientation, x [m], y [m]."""
