@@ -39,6 +39,13 @@ def test_room_ends_at_boxes_that_rise_above_the_fingers(pack):
         np.testing.assert_allclose(x[0, placement, 4 + side], np.tanh(expected / NEAR), rtol=1e-4)
 
 
+def test_boxes_as_low_as_the_fingers_end_take_no_room(pack):
+    beside_plate = features(pack(("p", "z0", -0.3, 0.0), ("a", "z0", 0.15, 0.0)))[0, 1, 4]
+    beside_cube = features(pack(("b", "z0", -0.175, 0.0), ("a", "z0", 0.15, 0.0)))[0, 1, 4]
+    assert beside_plate > 0.99
+    np.testing.assert_allclose(beside_cube, np.tanh((0.15 - 0.125 - 1 / 16 + 0.05) / NEAR), rtol=1e-4)
+
+
 def test_room_of_a_finger_is_as_wide_as_the_finger(pack):
     beside = features(pack(("a", "z0", 0.0, 0.0), ("b", "z0", 0.3, 0.2)))[0, 1, 4]
     in_the_way = features(pack(("a", "z0", 0.0, 0.0), ("b", "z0", 0.3, 0.18)))[0, 1, 4]
