@@ -22,7 +22,7 @@ def snapshot(directory: Path) -> dict[str, tuple[int, int]]:
 def test_a_run_shows_each_step_as_lines(smoke: tuple[Path, Result]) -> None:
     lines = smoke[1].err.splitlines()
     topics = [
-        match.groups() for line in lines if (match := re.match(r"step (\d+), (\d+) towers, (\w+): [\w/]+ \S", line))
+        match.groups() for line in lines if (match := re.match(r"step (\d+), (\d+) plans, (\w+): [\w/]+ \S", line))
     ]
     evaluated = ["data", "score", "loss", "regret", "success", "accuracy"]
     assert topics == [
@@ -36,8 +36,8 @@ def test_a_run_shows_each_step_as_lines(smoke: tuple[Path, Result]) -> None:
 @pytest.mark.slow
 def test_a_run_ends_with_a_summary(smoke: tuple[Path, Result]) -> None:
     directory, result = smoke
-    summary = result.err[result.err.index("40 labelled towers") :]
-    assert re.match(r"40 labelled towers in (\d+ min )?\d+ s\n", summary)
+    summary = result.err[result.err.index("40 labelled plans") :]
+    assert re.match(r"40 labelled plans in (\d+ min )?\d+ s\n", summary)
     assert "median regret" in summary
     for word in ("tallest", "overhang", "unsupported", "accuracy"):
         assert word in summary

@@ -175,7 +175,7 @@ def test_a_million_rows(tmp_path: Path, ending: str, blocks: int) -> None:
     )
     result = spawn(["-c", measure, f"plans=towers.{ending}", f"out=labels.{ending}"], cwd=tmp_path).must_work()
     said, measured = result.out.splitlines()
-    assert said.endswith("200000 towers labelled, 100000 of them stand")
+    assert said.endswith("200000 plans labelled, 100000 of them succeed")
     seconds, kibibytes, code = map(float, measured.split())
     assert code == 0
     assert seconds < 60
