@@ -45,7 +45,7 @@ def test_a_run_on_a_terminal(tmp_path: Path) -> None:
     assert "writing tables and figures" in joined
     assert "None" not in joined
     assert re.match(r"a\[b\] in /", lines[0])
-    assert len([line for line in lines if line.startswith("step 2, 12 towers, regret: ")]) == 1
+    assert len([line for line in lines if line.startswith("step 2, 12 plans, regret: ")]) == 1
 
 
 @pytest.mark.slow
