@@ -9,7 +9,6 @@ import pandas as pd
 import pytest
 import torch
 from torch import nn
-from torch.profiler import profile
 
 from apf.acquisition import ExpectedBald
 from apf.models import EnsembleNetwork

@@ -437,9 +437,7 @@ def test_members_train_the_same_alone_and_together() -> None:
     np.testing.assert_allclose(*losses, rtol=1e-4)
 
 
-@pytest.mark.parametrize(
-    ("kind", "options"), [(TGN, {}), (FCGN, {}), (LSTMNetwork, {"layers": 2})]
-)
+@pytest.mark.parametrize(("kind", "options"), [(TGN, {}), (FCGN, {}), (LSTMNetwork, {"layers": 2})])
 def test_after_sixty_updates_a_kernel_has_the_weights_of_the_definition(
     kind: type[EnsembleNetwork], options: dict[str, int]
 ) -> None:

@@ -7,7 +7,7 @@ from apf.models.layers import EnsembleLinear, EnsembleNetwork
 from apf.models.lstm import LSTMNetwork
 from apf.models.training import History, Training
 
-__all__ = [  # noqa: F822
+__all__ = [
     "FCGN",
     "TGN",
     "Ensemble",

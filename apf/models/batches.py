@@ -30,8 +30,8 @@ def batches(
 ) -> Iterator[tuple[int, Tensor]]:
     """Batches without end, epoch after epoch.
 
-    A batch holds plans of one length, so there are few matrix products, and large ones. The order of lengths is the same
-    for all members, so that their batches have one shape; the plans in a batch are each member's own.
+    A batch holds plans of one length, so there are few matrix products, and large ones. The order of lengths is the
+    same for all members, so that their batches have one shape; the plans in a batch are each member's own.
 
     Args:
         sizes: for each group, the number of examples, and the number of labels that each of them has.

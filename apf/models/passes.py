@@ -21,8 +21,8 @@ class Passes:
     """
 
     replayable = False
-    """Do `batcher` and `vjp` perform the same operations for inputs of the same shapes, whatever the values, and without
-    waiting for the device? A GPU then replays a whole update as one CUDA graph (`Replayed`)."""
+    """Do `batcher` and `vjp` perform the same operations for inputs of the same shapes, whatever the values, and
+    without waiting for the device? A GPU then replays a whole update as one CUDA graph (`Replayed`)."""
 
     def __init__(self, network: EnsembleNetwork) -> None:
         self.network = network

@@ -36,8 +36,8 @@ class Training:
     """Updates during which the learning rate rises to its value. Large first steps make some members die: the output of
     their units is 0 for every plan."""
     weight_decay: Annotated[Number, Field(ge=0, le=1000000000.0)] = 40
-    """An update subtracts the share learning_rate x weight_decay / labelled plans of each weight. Like a prior, it counts
-    for less with more labelled plans."""
+    """An update subtracts the share learning_rate x weight_decay / labelled plans of each weight. Like a prior, it
+    counts for less with more labelled plans."""
     batch: Many = 64
     """Approximate number of labels in a batch of one member. All plans of a batch have one length."""
     updates: Count = 1000

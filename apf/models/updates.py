@@ -1,10 +1,11 @@
 """Updates of all members' weights by AdamW."""
 
+import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 from torch.nn.functional import binary_cross_entropy_with_logits
 from torch.nn.utils import parameters_to_vector
 
@@ -33,14 +34,16 @@ class Updates:
         passes.network.use(self.weights)
         self.sources = [(passes.batcher(x, last_only(x, y)), y) for x, y in groups]
         self.learning_rate = torch.zeros((), device=self.weights.device)
-        self.parameter = nn.Parameter(self.weights)
-        self.parameter.grad = torch.zeros_like(self.weights)
+        self.weights.grad = torch.zeros_like(self.weights)
+        on_gpu = self.weights.device.type == "cuda"
+        if on_gpu:  # the first update of each shape runs before it is captured
+            warnings.filterwarnings("ignore", "This instance was constructed with capturable=True")
         self.optimiser = torch.optim.AdamW(
-            [self.parameter],
+            [self.weights],
             lr=self.learning_rate,
             weight_decay=weight_decay,
             fused=True,
-            capturable=self.weights.device.type == "cuda",
+            capturable=on_gpu,
         )
 
     def step(self, group: int, rows: Tensor, rates: Rates) -> tuple[Tensor, Tensor]:
@@ -65,7 +68,7 @@ class Updates:
         """One step of the optimiser and of the running mean; the gradients are those of the network's parameters."""
         learning_rate, share = rates
         with torch.no_grad():
-            torch.cat([gradient.reshape(-1) for gradient in gradients], out=self.parameter.grad)
+            torch.cat([gradient.reshape(-1) for gradient in gradients], out=self.weights.grad)
             self.learning_rate.fill_(learning_rate)
             self.optimiser.step()
             self.mean.lerp_(self.weights, share)
@@ -88,5 +91,5 @@ def validation_loss(passes: Passes, groups: Sequence[Group]) -> Tensor:
 
 
 def cross_entropy(logits: Tensor, y: Tensor) -> Tensor:
-    """Binary cross-entropy of each label, shaped as the logits; labels that all members share may lack the first axis."""
+    """Binary cross-entropy of each label, shaped as the logits; labels of all members may lack the first axis."""
     return binary_cross_entropy_with_logits(logits, y.expand_as(logits), reduction="none")

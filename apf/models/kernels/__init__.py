@@ -20,7 +20,7 @@ KERNELS: dict[str, type[Passes]] = {
 def passes_of(network: EnsembleNetwork, kernels: bool = True) -> Passes:
     """The passes of a network: its kernel if there is one and `kernels` are wanted, else its definition.
 
-    A sub-class may compute something else than its parent, so a kernel serves only the very class that it was written for.
+    A sub-class may compute something else than its parent, so a kernel serves only the class it was written for.
     """
     name = f"{type(network).__module__}.{type(network).__qualname__}"
     return KERNELS.get(name, Passes)(network) if kernels else Passes(network)

@@ -108,7 +108,7 @@ def _ranges(groups: Edges, first: int) -> list[slice]:
 
 
 def _additions(backward: list[slice], forward: list[slice]) -> list[tuple[slice, slice]]:
-    """`SharedGraph.additions`, for the ranges of edges from each placement to those before it, and to those after it."""
+    """`SharedGraph.additions`, given the ranges of edges from each placement: to those before it, to those after it."""
     additions = []
     for more in forward[1:]:  # the first range collects what the last placement of each prefix receives
         additions.append((slice(forward[0].start, forward[0].start + more.stop - more.start), more))
