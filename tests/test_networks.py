@@ -157,7 +157,7 @@ class TestKernels:
             forward = {"forward": lambda self, *inputs, factor=factor: factor * kind.forward(self, *inputs)}
             network.__class__ = type("Scaled", (kind,), forward)
             passes = passes_of(network)
-            logits, backward = passes.vjp(passes.prepare(x))
+            logits, backward = passes.vjp((x, False))
             gradients.append([gradient.clone() for gradient in backward(torch.ones_like(logits))])
         for once, twice in zip(*gradients, strict=True):
             torch.testing.assert_close(2 * once, twice)

@@ -16,8 +16,8 @@ Backward = Callable[[Tensor], Sequence[Tensor]]
 class Passes:
     """The forward and the backward pass of a network, from its definition, by autograd. Kernels are sub-classes.
 
-    A kernel overrides all methods. `prepare` and `batcher` compute what depends on no weights, `logits` and `vjp` the
-    rest.
+    Predictions take two steps: `prepare` computes what depends on no weights, `logits` the rest. So do updates, in which
+    each member has plans of its own: `batcher` and `vjp`. A kernel overrides the methods of either or of both.
     """
 
     replayable = False
@@ -29,7 +29,7 @@ class Passes:
         self.parameters = list(network.parameters())
 
     def prepare(self, x: Tensor, last_only: bool = False) -> Any:
-        """Prepare plans for `logits` and `vjp`.
+        """Prepare plans for `logits`.
 
         Args:
             x: [E, N, K, F] features of each member's own plans, or [1, N, K, F] for all members.
@@ -45,9 +45,9 @@ class Passes:
             last_only: as in `EnsembleNetwork.forward`.
 
         Returns:
-            A function from the rows [E, B] of each member's batch to what `prepare` returns for these examples.
+            A function that takes the rows [E, B] of each member's batch, and prepares these examples for `vjp`.
         """
-        return lambda rows: self.prepare(x[rows], last_only)
+        return lambda rows: (x[rows], last_only)
 
     def logits(self, prepared: Any) -> Tensor:
         """Logits of prepared plans: [E, N, K - 1], or [E, N, 1] if `last_only`."""
@@ -55,7 +55,7 @@ class Passes:
         return self.network(x.expand(len(self.parameters[0]), -1, -1, -1), last_only)
 
     def vjp(self, prepared: Any) -> tuple[Tensor, Backward]:
-        """The vector-Jacobian product: logits of prepared plans, and the function that goes back from them."""
+        """The vector-Jacobian product: logits of prepared examples, and the function that goes back from them."""
         with torch.enable_grad():
-            logits = self.logits(prepared)
+            logits = self.network(*prepared)
         return logits.detach(), partial(torch.autograd.grad, logits, self.parameters, materialize_grads=True)

@@ -19,7 +19,7 @@ _MINUS_ONE = torch.tensor(-1.0)
 class Prepared:
     """The inputs of the first layer for N plans, step after step.
 
-    x: [E, T x N, F] for T steps of sequences; E is 1 where all members see the same plans.
+    x: [E, T x N, F] for T steps of sequences.
     rows: how many of T x N belong to each step. Sequences that begin at a step are its last rows.
     """
 
@@ -29,15 +29,12 @@ class Prepared:
 
 
 class LSTMKernel(Passes):
-    """All steps of a layer lie one after another in a few arrays, and states are written where they are read."""
+    """The passes of training; the definition is as fast for predictions.
+
+    All steps of a layer lie one after another in a few arrays, and states are written where they are read.
+    """
 
     replayable = True
-
-    def prepare(self, x: Tensor, last_only: bool = False) -> Prepared:
-        """As `Passes.prepare`."""
-        placements, counts = _placements(x.shape[2], last_only, x.device)
-        by_step = x.transpose(1, 2).index_select(1, placements).flatten(1, 2)
-        return Prepared(x.shape[1], [count * x.shape[1] for count in counts], by_step)
 
     def batcher(self, x: Tensor, last_only: bool = False) -> Callable[[Tensor], Prepared]:
         """As `Passes.batcher`: the inputs of each example lie in one row, so that a batch is one gather."""
@@ -50,10 +47,6 @@ class LSTMKernel(Passes):
             return Prepared(n, [count * n for count in counts], drawn.transpose(1, 2).flatten(1, 2))
 
         return batch
-
-    def logits(self, prepared: Prepared) -> Tensor:
-        """As `Passes.logits`."""
-        return self.vjp(prepared)[0]
 
     @torch.inference_mode()
     def vjp(self, prepared: Prepared) -> tuple[Tensor, Backward]:
