@@ -103,8 +103,9 @@ class GraphNetwork(EnsembleNetwork):
     @validate_call
     def __init__(self, *, members: Few, n_features: PositiveInt, n_position: PositiveInt, hidden: Width) -> None:
         super().__init__()
-        self.sizes = [n_features - n_position, n_position]
-        self.conv = PlacementConv(members, *self.sizes, hidden)
+        n_own = n_features - n_position
+        self.sizes = [n_own, n_position]
+        self.conv = PlacementConv(members, n_own, n_position, hidden)
         self.pool = MeanAggregation()
         self.readout = nn.Sequential(
             EnsembleLinear(members, hidden, hidden), nn.ReLU(), EnsembleLinear(members, hidden, 1)
@@ -120,7 +121,7 @@ class GraphNetwork(EnsembleNetwork):
 
 
 class TGN(GraphNetwork):
-    """The graph network with prior knowledge of towers: a placement gets messages from all placements after it."""
+    """The graph network with prior knowledge: a placement gets messages from all placements after it."""
 
     both_ways = False
 

@@ -16,8 +16,8 @@ Backward = Callable[[Tensor], Sequence[Tensor]]
 class Passes:
     """The forward and the backward pass of a network, from its definition, by autograd. Kernels are sub-classes.
 
-    Predictions take two steps: `prepare` computes what depends on no weights, `logits` the rest. So do updates, in which
-    each member has plans of its own: `batcher` and `vjp`. A kernel overrides the methods of either or of both.
+    Predictions take two steps: `prepare` computes what depends on no weights, `logits` the rest. So do updates, in
+    which each member has plans of its own: `batcher` and `vjp`. A kernel overrides the methods of either or of both.
     """
 
     replayable = False

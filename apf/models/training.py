@@ -122,7 +122,8 @@ def fit(
             if training.patience and CHECK * kept.checks_since_lowest >= training.patience:
                 break
     passes.network.use(kept.weights)
-    return History(*np.stack(losses.checks, 1), kept.check)
+    train_losses, validation_losses = np.stack(losses.checks, 1)
+    return History(train_losses, validation_losses, kept.check)
 
 
 def _step(updates: Updates, training: Training) -> tuple[Step, Sequence[Any] | Tensor]:
