@@ -7,6 +7,7 @@ from typing import Any
 
 import hydra
 import pydantic
+import torch
 from hydra.core.hydra_config import HydraConfig
 from hydra.types import RunMode
 from omegaconf import DictConfig
@@ -16,7 +17,6 @@ from apf.config.values import config_dir
 from apf.errors import InputError
 from apf.experiment import Experiment
 from apf.launch.cli import one_line_errors, run_command
-from apf.launch.cpu import set_up_cpu
 from apf.launch.machine import check_machine, check_weights
 from apf.models import Ensemble, pick_device
 from apf.planning import Evaluator, Learned
@@ -53,7 +53,7 @@ def job(cfg: DictConfig) -> float | tuple[float, ...] | None:
             raise
         raise InputError(f"{directory / CONFIG}: {error}") from None  # nothing else was typed
     check_machine(config)
-    set_up_cpu(config.threads)
+    torch.set_num_threads(config.threads)
     model = make_model(cfg, config)
     optimised = hydra_config.mode == RunMode.MULTIRUN and optimises(hydra_config, config.objective)
     if check(directory, plain_config, config.domain):

@@ -15,7 +15,6 @@ import torch
 from rich.console import Console
 from rich.table import Table
 
-from apf.launch.cpu import set_up_cpu
 from benchmarks import gpu
 from benchmarks.operations import ONLY_FULL, OPERATIONS
 from benchmarks.setting import FULL, QUICK, Setting
@@ -42,7 +41,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if options.device == "cuda" and not torch.cuda.is_available():
         parser.error("--device cuda: PyTorch finds no GPU here")
     names = options.only or [name for name in operations if not (options.quick and name in ONLY_FULL)]
-    set_up_cpu(1)
+    torch.set_num_threads(1)
     setting = Setting(QUICK if options.quick else FULL, options.device)
     progress, rows = Console(stderr=True), list[Row]()
     with progress.status("") as status:

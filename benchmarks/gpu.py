@@ -28,7 +28,7 @@ def update(setting: Setting, model: str, members: int, target: Target) -> Case:
 
     def updates(ensemble: Ensemble, n: int) -> None:
         some = changed(there.training, updates=n)
-        fit(ensemble.network, train, [], some, *new_generators(ensemble), setting.sizes.labelled)
+        fit(ensemble.passes, train, [], some, *new_generators(ensemble), setting.sizes.labelled)
 
     return Case(
         f"one update, {members} {model.upper()} members",

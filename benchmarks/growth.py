@@ -118,9 +118,9 @@ def in_process(operation: str, size: dict[str, int], weights: str) -> dict[str, 
 
 def measure(operation: str, size: dict[str, int], weights: str) -> dict[str, float]:
     """Seconds (median) of an operation, and the peak of this process's memory [MiB] before and after."""
-    from apf.launch.cpu import set_up_cpu
+    import torch
 
-    set_up_cpu(1)
+    torch.set_num_threads(1)
     work = {"train": prepare_training, "epoch": prepare_epoch, "bald": prepare_bald, "plan": prepare_plan}[operation]
     run = work(size, weights)
     start = peak_mib()
@@ -171,7 +171,7 @@ def prepare_epoch(size: dict[str, int], weights: str) -> Callable[[], object]:
     labels = np.ones((size["towers"], size["length"]), np.int8)
     train = examples([Labelled(plans, labels)], ensemble.kind, ensemble.domain)
     one_epoch, generators = epoch_of(ensemble.training, train), new_generators(ensemble)
-    return lambda: fit(ensemble.network, train, [], one_epoch, *generators, size["towers"])
+    return lambda: fit(ensemble.passes, train, [], one_epoch, *generators, size["towers"])
 
 
 def prepare_bald(size: dict[str, int], weights: str) -> Callable[[], object]:

@@ -17,8 +17,9 @@ from apf.domain import Labelled, Scored
 from apf.experiment import TRAIN, VALIDATION, Experiment
 from apf.main import make_experiment, make_model
 from apf.models import Ensemble, Training
+from apf.models.batches import batches_of
 from apf.models.examples import Examples
-from apf.models.training import batches_of, fit
+from apf.models.training import fit
 from apf.rng import stream
 from apf.rundir.store import Store
 from apf.tracking import NoTracker
@@ -43,7 +44,7 @@ def epoch(setting: Setting, model: str, target: Target) -> Case:
 
     def ours(epochs: int) -> None:
         some = changed(ensemble.training, updates=epochs * one_epoch.updates)
-        fit(ensemble.network, train, [], some, *generators, setting.sizes.labelled)
+        fit(ensemble.passes, train, [], some, *generators, setting.sizes.labelled)
 
     fraction = setting.sizes.members_reference
     members = plain_members(ensemble)[:fraction]
@@ -81,7 +82,7 @@ def check_training(ensemble: Ensemble, train: list[Examples], samples: plain_lea
     for part in batch:
         x, y = torch.from_numpy(part.x), torch.from_numpy(part.y)
         rows = torch.arange(len(x)).expand(ensemble.members, -1)
-        logits, backward = network.vjp()(network.batcher(x)(rows))
+        logits, backward = ensemble.passes.vjp(ensemble.passes.batcher(x)(rows))
         loss = loss + cross_entropy(logits, y.expand_as(logits)).sum((1, 2)) / labels
         for gradient, of_part in zip(gradients.values(), backward((logits.sigmoid() - y) / labels), strict=True):
             gradient += of_part
@@ -97,7 +98,7 @@ def check_training(ensemble: Ensemble, train: list[Examples], samples: plain_lea
         for name, gradient in plain_learning.plain_names({n: g[e] for n, g in gradients.items()}).items():
             torch.testing.assert_close(plain_gradients[name], gradient, rtol=1e-3, atol=1e-6)
     standing_still = changed(epoch_of(ensemble.training, batch), learning_rate=1e-12)
-    history = fit(network, batch, [], standing_still, *new_generators(ensemble), plans=1)
+    history = fit(ensemble.passes, batch, [], standing_still, *new_generators(ensemble), plans=1)
     np.testing.assert_allclose(history.train_loss[0], loss.detach().numpy(), rtol=1e-4)
 
 
@@ -124,7 +125,7 @@ def acquisition(setting: Setting) -> Case:
     one_epoch, generators = epoch_of(ensemble.training, train), new_generators(ensemble)
     epochs = ensemble.training.updates / one_epoch.updates
     of_epoch = products_with_weights(
-        ensemble.network, lambda: fit(ensemble.network, train, [], one_epoch, *generators, setting.sizes.labelled)
+        ensemble.network, lambda: fit(ensemble.passes, train, [], one_epoch, *generators, setting.sizes.labelled)
     )
     of_proposal = products_with_weights(
         ensemble.network,

@@ -9,31 +9,26 @@ import torch
 from torch import Tensor, nn
 from torch.utils._python_dispatch import TorchDispatchMode
 
-from apf.models.layers import ONE_DNN
-
 
 class Product(NamedTuple):
-    """[B, N, M] @ [B, M, P]. one_dnn: made by oneDNN, where B = 1, and not by `torch.bmm`."""
+    """[B, N, M] @ [B, M, P]."""
 
     b: int
     n: int
     m: int
     p: int
-    one_dnn: bool = False
 
 
 COPIED = 64 * 2**20
 """Bytes of the array whose copy shows the memory's bandwidth: more than any cache holds."""
 
 _aten = torch.ops.aten
-_one_dnn = ONE_DNN and ONE_DNN.default
 _OPERANDS = {
     _aten.mm.default: 0,
     _aten.bmm.default: 0,
     _aten.addmm.default: 1,
     _aten.baddbmm.default: 1,
     _aten.baddbmm_.default: 1,
-    _one_dnn: 0,
 }
 """Products, and which of their arguments is the left matrix."""
 
@@ -58,16 +53,16 @@ class _Recorder(TorchDispatchMode):
             if result is not NotImplemented:
                 return result
         else:
-            self._note(*args[first : first + 2], one_dnn=func is _one_dnn)
+            self._note(*args[first : first + 2])
         return func(*args, **(kwargs or {}))
 
-    def _note(self, left: Tensor, right: Tensor, one_dnn: bool) -> None:
-        batch, (n, m) = left.shape[0] if left.ndim == 3 and not one_dnn else 1, left.shape[-2:]
-        p = right.shape[-2] if one_dnn else right.shape[-1]  # oneDNN takes it transposed
+    def _note(self, left: Tensor, right: Tensor) -> None:
+        batch, (n, m) = left.shape[0] if left.ndim == 3 else 1, left.shape[-2:]
+        p = right.shape[-1]
         weights = {weight.untyped_storage().data_ptr() for weight in self._network.parameters()}
         is_part = any(factor.untyped_storage().data_ptr() in weights for factor in (left, right))
         if is_part or any(frozenset(pair) in self._shapes for pair in ((n, m), (m, p), (n, p))):
-            self.products.append(Product(batch, n, m, p, one_dnn))
+            self.products.append(Product(batch, n, m, p))
 
 
 def products_with_weights(network: nn.Module, work: Callable[[], object]) -> list[Product]:
@@ -95,17 +90,15 @@ def replay(products: list[Product]) -> Callable[[], None]:
 
 def _maker(product: Product) -> Callable[[], object]:
     """What makes the product once."""
-    b, n, m, p, one_dnn = product
+    b, n, m, p = product
     with torch.inference_mode():
         left, right, out = torch.randn(b, n, m), torch.randn(b, m, p), torch.empty(b, n, p)
-    if one_dnn:
-        return partial(ONE_DNN, left[0], right[0].mT, None, "none", [], "")
     return partial(torch.bmm, left, right, out=out)
 
 
 def flops(products: list[Product]) -> int:
     """Multiplications and additions of the products."""
-    return sum(2 * b * n * m * p for b, n, m, p, _ in products)
+    return sum(2 * b * n * m * p for b, n, m, p in products)
 
 
 def memory_pass(n_bytes: int) -> tuple[Callable[[], None], float]:

@@ -14,7 +14,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import binary_cross_entropy_with_logits
 
-from apf.models import EnsembleNetwork, FullyConnectedGraphNetwork, LSTMNetwork
+from apf.models import FCGN, EnsembleNetwork, LSTMNetwork
 from benchmarks.reference import Tower, features, four_views
 
 TRAINING_BATCH = 16
@@ -80,12 +80,12 @@ def plain_members(network: EnsembleNetwork, n_features: int, n_position: int) ->
     for e in range(len(next(iter(weights.values())))):
         state = plain_names({name: weight.detach()[e] for name, weight in weights.items()})
         if isinstance(network, LSTMNetwork):
-            layers = len(network.layers)
-            member: nn.Module = LSTMMember(n_features, network.hidden, layers)
+            layers, hidden = len(network.layers), len(state["readout.0.bias"])
+            member: nn.Module = LSTMMember(n_features, hidden, layers)
             zeros = torch.zeros_like(state["lstm.bias_ih_l0"])
             state |= {f"lstm.bias_hh_l{layer}": zeros for layer in range(layers)}
         else:
-            both_ways = isinstance(network, FullyConnectedGraphNetwork)
+            both_ways = isinstance(network, FCGN)
             hidden = len(state["readout.0.bias"])
             member = GraphMember(n_features - n_position, n_position, hidden, both_ways)
         member.load_state_dict(state)
@@ -98,35 +98,23 @@ def plain_names(stacked: Mapping[str, Tensor]) -> dict[str, Tensor]:
 
     stacked: by name in the stacked network, without the axis of members: matrices [in, out], biases [1, out].
     """
-    stacked = {name.removeprefix("messages."): tensor for name, tensor in stacked.items()}
-
-    def layer(name: str, part: str, *more: str) -> dict[str, Tensor]:
-        matrix, bias = stacked[f"{part}.weight"], stacked.get(f"{part}.bias")
-        if bias is None:  # it is the last row
-            matrix, bias = matrix.split([len(matrix) - 1, 1])
-        matrix = torch.cat([matrix, *(stacked[f"{other}.weight"] for other in more)])
-        return {f"{name}.weight": matrix.T.clone(), f"{name}.bias": bias[0].clone()}
-
-    plain = layer("readout.0", "readout") | layer("readout.2", "logit")
-    if "layers.0.weight" in stacked:
-        number = 0
-        while f"layers.{number}.weight" in stacked:
-            rows, bias = _torch_gates(stacked[f"layers.{number}.weight"].T), stacked[f"layers.{number}.bias"]
-            hidden = len(rows) // 4
-            plain[f"lstm.weight_ih_l{number}"], plain[f"lstm.weight_hh_l{number}"] = (
-                rows[:, :-hidden],
-                rows[:, -hidden:],
-            )
-            plain[f"lstm.bias_ih_l{number}"] = _torch_gates(bias[0])
-            number += 1
-        return plain
-    return (
-        plain
-        | layer("message.0", "first")
-        | layer("message.2", "middle")
-        | layer("message.4", "last")
-        | layer("update.0", "update_own", "update_messages")
-    )
+    plain: dict[str, Tensor] = {}
+    for name, tensor in stacked.items():
+        layer, part = name.removeprefix("conv.").rsplit(".", 1)
+        rows = tensor.T if part == "weight" else tensor[0]
+        if layer.startswith("layers."):
+            number, rows = layer.split(".")[1], _torch_gates(rows)
+            if part == "weight":
+                hidden = len(rows) // 4
+                plain[f"lstm.weight_ih_l{number}"], plain[f"lstm.weight_hh_l{number}"] = rows.tensor_split([-hidden], 1)
+            else:
+                plain[f"lstm.bias_ih_l{number}"] = rows
+            continue
+        if (layer, part) == ("update_net.0", "weight"):  # the plain module has the features first, then the messages
+            hidden = len(rows)
+            rows = rows.roll(-hidden, 1)
+        plain[f"{layer.replace('_net', '')}.{part}"] = rows.clone()
+    return plain
 
 
 def _torch_gates(rows: Tensor) -> Tensor:

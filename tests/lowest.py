@@ -2,6 +2,8 @@
 
 pip makes an environment in a temporary folder, which takes minutes and a few GB; it is removed at the end. What follows
 `--` goes to pytest. The exit code is pytest's.
+
+Where a lowest version cannot be installed, `--instead torch==2.13.0` takes another version that pyproject.toml allows.
 """
 
 import argparse
@@ -14,6 +16,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from packaging.requirements import Requirement
+from packaging.version import Version
 
 REPOSITORY = Path(__file__).parents[1]
 
@@ -36,14 +39,25 @@ def lowest(extras: Sequence[str]) -> list[str]:
     return list(dict.fromkeys(pins))
 
 
+def instead(pins: Sequence[str], others: Sequence[str]) -> list[str]:
+    """The pins with other versions of some packages. Raises ValueError if a version is not above the lowest one."""
+    versions = dict(pin.split("==") for pin in pins)
+    for name, version in (other.split("==") for other in others):
+        if name not in versions or Version(version) < Version(versions[name]):
+            raise ValueError(f"--instead {name}=={version}: it must be one of the packages above, and no lower version")
+        versions[name] = version
+    return [f"{name}=={version}" for name, version in versions.items()]
+
+
 def main() -> int:
     """Make the environment, say what is in it, run the tests."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--extras", nargs="*", default=["test"], help="of pyproject.toml, to install as well")
+    parser.add_argument("--instead", nargs="*", default=[], metavar="NAME==VERSION", help="versions to install instead")
     parser.add_argument("--dry", action="store_true", help="only say what would be installed")
     parser.add_argument("pytest", nargs="*", default=["-q", "-m", "not slow and not robot"], help="its arguments")
     options = parser.parse_args()
-    pins = lowest(options.extras)
+    pins = instead(lowest(options.extras), options.instead)
     print(f"Python {sys.version.split()[0]}:", *pins, sep="\n  ", flush=True)
     if options.dry:
         return 0

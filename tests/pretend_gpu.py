@@ -172,6 +172,8 @@ class _Recorder(TorchDispatchMode):
 
     def __torch_dispatch__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
         kwargs = kwargs or {}
+        if func.namespace == "profiler":  # an optimiser notes when its step begins and ends
+            return func(*args, **kwargs)
         if func.overloadpacket.__name__ in ("_local_scalar_dense", "nonzero", "is_nonzero"):
             raise RuntimeError("operation not permitted when stream is capturing")
         written = [
@@ -207,7 +209,7 @@ def _recording(graph: PretendGraph, pool: object = None) -> Iterator[None]:
 @contextmanager
 def pretend_gpu() -> Iterator[PretendGPU]:
     """A machine with a GPU."""
-    gradients = torch.autograd.grad
+    gradients, grouped = torch.autograd.grad, torch.optim.Optimizer._group_tensors_by_device_and_dtype
     with pytest.MonkeyPatch.context() as patch, PretendGPU() as gpu:
         patch.setattr(torch.cuda, "is_available", lambda: True)
         patch.setattr(torch.cuda, "CUDAGraph", PretendGraph)
@@ -215,4 +217,11 @@ def pretend_gpu() -> Iterator[PretendGPU]:
         patch.setattr(torch.cuda, "graph_pool_handle", lambda: (0, 0))
         patch.setattr(torch.cuda, "get_device_properties", lambda device: SimpleNamespace(total_memory=2**33))
         patch.setattr(torch.autograd, "grad", lambda y, *a, **k: _mark(gradients(y, *a, **k), on_gpu(y)))
+        patch.setattr(
+            torch.optim.Optimizer,
+            "_group_tensors_by_device_and_dtype",
+            lambda lists, *a: {
+                (CUDA if on_gpu(lists[0][0]) else CPU, dtype): group for (_, dtype), group in grouped(lists, *a).items()
+            },
+        )
         yield gpu

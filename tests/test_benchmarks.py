@@ -9,7 +9,6 @@ import pandas as pd
 import pytest
 import torch
 from torch import nn
-from torch.profiler import profile
 
 from apf.acquisition import ExpectedBald
 from apf.models import EnsembleNetwork
@@ -107,7 +106,7 @@ class TwoLayers(EnsembleNetwork):
         super().__init__()
         self.first, self.second = EnsembleLinear(2, 3, 4), EnsembleLinear(2, 4, 5)
 
-    def forward(self, x: torch.Tensor, whole: bool = False) -> torch.Tensor:
+    def forward(self, x: torch.Tensor, last_only: bool = False) -> torch.Tensor:
         """[2, 6, 3] -> [2, 6, 5]."""
         sums = torch.bmm(torch.ones(2, 6, 6), x)
         return torch.ones(2, 6, 5).baddbmm_(self.first(sums), self.second.weight)
@@ -125,20 +124,6 @@ def test_the_limit_is_made_of_the_products_with_weights() -> None:
     recorded = products_with_weights(network, lambda: network(x).sum().backward())
     assert sorted(recorded) == sorted(forwards + backwards)
     replay(recorded)()
-
-
-@pytest.mark.skipif(not torch.backends.mkldnn.is_available(), reason="this torch has no oneDNN")
-def test_a_product_made_by_one_dnn_is_made_so_again() -> None:
-    layer = EnsembleLinear(1, 3, 4)
-    layer.reset(0, torch.Generator())
-    with torch.inference_mode():
-        recorded = products_with_weights(layer, lambda: layer(torch.ones(1, 6, 3), relu=True))
-    assert recorded == [Product(1, 6, 3, 4, one_dnn=True)]
-    with profile() as profiled:
-        replay(recorded)()
-    assert {"mkldnn::_linear_pointwise": 1}.items() <= {
-        event.key: event.count for event in profiled.key_averages()
-    }.items()
 
 
 def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:

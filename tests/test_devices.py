@@ -12,13 +12,13 @@ from pretend_gpu import CPU, CUDA, PretendGraph, on_gpu, pretend_gpu
 
 from apf.domain import Kind
 from apf.models import (
+    FCGN,
+    TGN,
     Ensemble,
     EnsembleLinear,
     EnsembleNetwork,
     EnsembleSettings,
-    FullyConnectedGraphNetwork,
     LSTMNetwork,
-    TowersGraphNetwork,
     Training,
     pick_device,
 )
@@ -30,8 +30,8 @@ from benchmarks.setting import QUICK, Setting
 from benchmarks.timing import measure
 
 NETWORKS = {
-    "tgn": partial(TowersGraphNetwork, hidden=8),
-    "fcgn": partial(FullyConnectedGraphNetwork, hidden=8),
+    "tgn": partial(TGN, hidden=8),
+    "fcgn": partial(FCGN, hidden=8),
     "lstm": partial(LSTMNetwork, hidden=8, layers=3),
 }
 
@@ -81,7 +81,7 @@ class TestThePretendGPU:
             lambda x: x.numpy(),
             lambda x: x.uniform_(generator=torch.Generator()),
             lambda x: torch.rand(3, device="cuda", generator=torch.Generator()),
-            lambda x: torch.ops.aten.threshold_backward.grad_input(x, torch.zeros(3), 0, grad_input=x),
+            lambda x: x.addcmul_(x, torch.zeros(3)),
         ],
     )
     def test_it_refuses_draws_and_indices_from_elsewhere(self, wrong: Callable[[torch.Tensor], Any]) -> None:
@@ -198,18 +198,18 @@ def test_many_plans_are_asked_about_in_parts_that_fit(setting: Setting, monkeypa
 
 
 class MeanNetwork(EnsembleNetwork):
-    """As somebody else may write one: a layer of the mean over the blocks, trained by autograd."""
+    """As somebody else may write one: a layer of the mean over the placements, trained by autograd."""
 
     def __init__(self, *, members: int, n_features: int, n_position: int) -> None:
         super().__init__()
         self.layer = EnsembleLinear(members, n_features, 1)
 
-    def forward(self, x: torch.Tensor, whole: bool = False) -> torch.Tensor:
+    def forward(self, x: torch.Tensor, last_only: bool = False) -> torch.Tensor:
         """[E, N, K, F] -> [E, N, K - 1], or the last of them."""
         e, n, k, f = x.shape
         means = x.cumsum(2)[:, :, 1:] / torch.arange(2, k + 1, device=x.device)[:, None]
         logits = self.layer(means.reshape(e, -1, f)).view(e, n, k - 1)
-        return logits[..., -1:] if whole else logits
+        return logits[..., -1:] if last_only else logits
 
 
 def test_somebody_elses_network_learns_on_a_gpu_without_graphs(setting: Setting) -> None:

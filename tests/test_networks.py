@@ -1,20 +1,20 @@
 """The networks: one stack equals its members, one pass equals one network per prefix."""
 
-from collections.abc import Sequence
 from functools import partial
 
 import pytest
 import torch
 from torch import nn
 
-from apf.models import EnsembleLinear, EnsembleNetwork, FullyConnectedGraphNetwork, LSTMNetwork, TowersGraphNetwork
-from apf.models.graph import PrefixMessages
-from apf.models.prefixes import prefix_graph
+from apf.models import FCGN, TGN, EnsembleLinear, EnsembleNetwork, LSTMNetwork
+from apf.models.graph import prefix_graph
+from apf.models.kernels import passes_of
+from apf.models.passes import Passes
 
 MEMBERS, F, D, H = 3, 10, 3, 8
 NETWORKS = {
-    "tgn": TowersGraphNetwork,
-    "fcgn": FullyConnectedGraphNetwork,
+    "tgn": TGN,
+    "fcgn": FCGN,
     "lstm": partial(LSTMNetwork, layers=3),
 }
 
@@ -48,17 +48,14 @@ def test_each_prefix_is_judged_as_if_it_were_the_whole_plan(name: str) -> None:
     network, x = make(name), torch.randn(MEMBERS, 4, 6, F)
     every_prefix = network(x)
     for length in range(2, 7):
-        torch.testing.assert_close(network(x[:, :, :length], whole=True)[..., 0], every_prefix[..., length - 2])
+        torch.testing.assert_close(network(x[:, :, :length], last_only=True)[..., 0], every_prefix[..., length - 2])
 
 
-@pytest.mark.parametrize("last_is_one", [False, True])
-def test_weights_start_larger_than_torchs_own_and_biases_do_not(last_is_one: bool) -> None:
-    layer = EnsembleLinear(members=2, n_in=100 + last_is_one, n_out=50, last_is_one=last_is_one)
+def test_weights_start_larger_than_torchs_own_and_biases_do_not() -> None:
+    layer = EnsembleLinear(members=2, n_in=100, n_out=50)
     for member in range(2):
         layer.reset(member, torch.Generator().manual_seed(member))
-    weight, bias = layer.weight[:, :100], layer.weight[:, 100:] if layer.bias is None else layer.bias
-    assert bias.shape == (2, 1, 50)
-    for parameter, bound in ((weight, 0.1 * 2**0.5), (bias, 0.1)):  # 1 / sqrt(100) in torch
+    for parameter, bound in ((layer.weight, 0.1 * 2**0.5), (layer.bias, 0.1)):  # 1 / sqrt(100) in torch
         assert parameter.abs().max().item() == pytest.approx(bound, rel=0.1)
         assert parameter.abs().max() <= bound
 
@@ -82,22 +79,24 @@ def test_graph_networks_see_positions_as_differences(name: str) -> None:
 
 
 def plain_graph_network(network: EnsembleNetwork, x: torch.Tensor, both_ways: bool) -> torch.Tensor:
-    """Member 0 on one whole plan [K, F], with loops, concatenated inputs and a message net applied edge by edge."""
+    """Member 0 on one whole plan [K, F], with loops over placements and edges."""
     w = {key: value[0] for key, value in network.state_dict().items()}
-    own, position, one = x[:, :-D], x[:, -D:], torch.ones(1)
+
+    def layer(name: str, inputs: torch.Tensor) -> torch.Tensor:
+        return inputs @ w[f"{name}.weight"] + w[f"{name}.bias"][0]
+
+    own, position = x[:, :-D], x[:, -D:]
     states = []
     for i in range(len(x)):
-        total = torch.zeros(H)
+        aggregated = torch.zeros(H)
         for j in range(len(x)):
             if j > i or (both_ways and j != i):
-                inputs = torch.cat([own[j], own[i], position[j] - position[i]])
-                hidden = torch.relu(torch.cat([inputs, one]) @ w["messages.first.weight"])
-                hidden = torch.relu(hidden @ w["messages.middle.weight"] + w["messages.middle.bias"][0])
-                total = total + torch.cat([hidden, one]) @ w["last.weight"]
-        update = torch.cat([w["update_own.weight"], w["update_messages.weight"]])
-        states.append(torch.relu(torch.cat([own[i], one, total]) @ update))
-    hidden = torch.relu(torch.stack(states).mean(0) @ w["readout.weight"] + w["readout.bias"][0])
-    return (hidden @ w["logit.weight"] + w["logit.bias"][0])[0]
+                hidden = torch.cat([own[j], own[i], position[j] - position[i]])
+                for number in (0, 2):
+                    hidden = torch.relu(layer(f"conv.message_net.{number}", hidden))
+                aggregated = aggregated + layer("conv.message_net.4", hidden)
+        states.append(torch.relu(layer("conv.update_net.0", torch.cat([aggregated, own[i]]))))
+    return layer("readout.2", torch.relu(layer("readout.0", torch.stack(states).mean(0))))[0]
 
 
 @pytest.mark.parametrize(("name", "both_ways"), [("tgn", False), ("fcgn", True)])
@@ -105,81 +104,86 @@ def plain_graph_network(network: EnsembleNetwork, x: torch.Tensor, both_ways: bo
 def test_graph_networks_compute_what_their_description_says(name: str, both_ways: bool, length: int) -> None:
     network, x = make(name), torch.randn(MEMBERS, 1, length, F)
     expected = plain_graph_network(network, x[0, 0], both_ways)
-    torch.testing.assert_close(network(x, whole=True)[0, 0, 0], expected)
+    torch.testing.assert_close(network(x, last_only=True)[0, 0, 0], expected)
 
 
-@pytest.mark.parametrize("name", ["tgn", "fcgn", "lstm"])
-@pytest.mark.parametrize("whole", [False, True])
-def test_all_members_see_the_same_plans_as_each_would_its_own(name: str, whole: bool) -> None:
-    network, x = make(name), torch.randn(1, 5, 4, F)
-    same = network.logits_of(network.prepare(x, whole))
-    assert torch.equal(same, network(x.expand(MEMBERS, -1, -1, -1), whole))
-
-
+@pytest.mark.parametrize("kernels", [False, True])
 @pytest.mark.parametrize("name", NETWORKS)
-@pytest.mark.parametrize("whole", [False, True])
-@pytest.mark.parametrize("length", [2, 3, 5])
-def test_each_member_learns_from_its_own_examples_as_autograd_says(name: str, whole: bool, length: int) -> None:
-    network, x = make(name), torch.randn(12, length, F)
-    rows = torch.stack([torch.randperm(12)[:4] for _ in range(MEMBERS)])
-    logits, backward = network.vjp()(network.batcher(x, whole)(rows))
-    of_logits = torch.randn(logits.shape)
-    expected = network(x[rows], whole)
-    gradients = torch.autograd.grad(expected, list(network.parameters()), of_logits, materialize_grads=True)
-    torch.testing.assert_close(logits, expected)
-    for gradient, of_parameter in zip(backward(of_logits), gradients, strict=True):
-        torch.testing.assert_close(gradient, of_parameter)
+@pytest.mark.parametrize("last_only", [False, True])
+def test_all_members_see_the_same_plans_as_each_would_its_own(name: str, last_only: bool, kernels: bool) -> None:
+    passes, x = passes_of(make(name), kernels), torch.randn(1, 5, 4, F)
+    same = passes.logits(passes.prepare(x, last_only))
+    assert torch.equal(same, passes.logits(passes.prepare(x.expand(MEMBERS, -1, -1, -1), last_only)))
 
 
-@pytest.mark.parametrize("name", NETWORKS)
-def test_a_subclass_with_other_logits_learns_from_them(name: str) -> None:
-    warm, cold, x = make(name, members=1), make(name, members=1), torch.randn(1, 4, 3, F)
-    kind = type(cold)
-    cold.__class__ = type("Colder", (kind,), {"logits_of": lambda self, x: 2 * kind.logits_of(self, x)})
-    for ours, theirs in zip(*(backward_of(network, x) for network in (warm, cold)), strict=True):
-        torch.testing.assert_close(2 * ours, theirs)
+class TestKernels:
+    """Each equals the definition; `test_training` compares the weights after sixty updates."""
+
+    @pytest.mark.parametrize("name", NETWORKS)
+    @pytest.mark.parametrize("last_only", [False, True])
+    @pytest.mark.parametrize("length", [2, 3, 5, 7])
+    def test_values_and_gradients_are_those_of_the_definition(self, name: str, last_only: bool, length: int) -> None:
+        network, x = make(name), torch.randn(12, length, F)
+        rows = torch.stack([torch.randperm(12)[:4] for _ in range(MEMBERS)])
+        kernel = passes_of(network)
+        assert type(kernel) is not Passes
+        logits, backward = kernel.vjp(kernel.batcher(x, last_only)(rows))
+        expected = network(x[rows], last_only)
+        of_logits = torch.randn(expected.shape)
+        gradients = torch.autograd.grad(expected, list(network.parameters()), of_logits, materialize_grads=True)
+        torch.testing.assert_close(logits, expected)
+        torch.testing.assert_close(kernel.logits(kernel.prepare(x[rows], last_only)), expected)
+        for gradient, of_parameter in zip(backward(of_logits), gradients, strict=True):
+            torch.testing.assert_close(gradient, of_parameter)
+
+    @pytest.mark.parametrize("name", NETWORKS)
+    def test_values_follow_the_weights(self, name: str) -> None:
+        network, x = make(name), torch.randn(MEMBERS, 5, 3, F)
+        kernel = passes_of(network)
+        prepared = kernel.prepare(x)
+        for seed in range(2):
+            network.reset([torch.Generator().manual_seed(seed + member) for member in range(MEMBERS)])
+            torch.testing.assert_close(kernel.logits(prepared), network(x))
+
+    def test_the_switch_turns_them_off(self) -> None:
+        assert {type(passes_of(make(name), kernels=False)) for name in NETWORKS} == {Passes}
+
+    @pytest.mark.parametrize("name", NETWORKS)
+    def test_a_subclass_that_computes_something_else_is_differentiated_as_it_is(self, name: str) -> None:
+        network, x = make(name), torch.randn(MEMBERS, 4, 3, F)
+        kind = type(network)
+        gradients = []
+        for factor in (1, 2):
+            forward = {"forward": lambda self, *inputs, factor=factor: factor * kind.forward(self, *inputs)}
+            network.__class__ = type("Scaled", (kind,), forward)
+            passes = passes_of(network)
+            logits, backward = passes.vjp((x, False))
+            gradients.append([gradient.clone() for gradient in backward(torch.ones_like(logits))])
+        for once, twice in zip(*gradients, strict=True):
+            torch.testing.assert_close(2 * once, twice)
 
 
-def test_a_network_with_other_messages_learns_from_them() -> None:
-    class Louder(PrefixMessages):
-        def message(self, pairs: torch.Tensor) -> torch.Tensor:
-            return 2 * super().message(pairs)
-
-    network, x = lone(TowersGraphNetwork), torch.randn(1, 4, 3, F)
-    quiet = backward_of(network, x)
-    network.messages.__class__ = Louder
-    loud = torch.autograd.grad(network(x).sum(), list(network.parameters()), materialize_grads=True)
-    for ours, theirs in zip(backward_of(network, x), loud, strict=True):
-        torch.testing.assert_close(ours, theirs)
-    assert not torch.allclose(loud[0], quiet[0])
-
-
-def lone(kind: type[TowersGraphNetwork]) -> TowersGraphNetwork:
-    """One member, always with the same weights."""
-    network = kind(members=1, n_features=F, n_position=D, hidden=H)
-    network.reset([torch.Generator().manual_seed(1)])
-    return network
-
-
-def backward_of(network: EnsembleNetwork, x: torch.Tensor) -> Sequence[torch.Tensor]:
-    logits, backward = network.vjp()(network.prepare(x))
-    return backward(torch.ones_like(logits))
-
-
-@pytest.mark.parametrize(("name", "heard"), [("tgn", False), ("fcgn", True)])
-def test_in_tgn_no_block_hears_from_the_bottom_one(name: str, heard: bool) -> None:
-    x = torch.randn(1, 1, 3, F)
+@pytest.mark.parametrize(("name", "receives"), [("tgn", False), ("fcgn", True)])
+def test_in_tgn_no_placement_gets_messages_from_the_first(name: str, receives: bool) -> None:
+    network, x = make(name, members=1), torch.randn(1, 3, 1, F)
     changed = x.clone()
     changed[0, 0, 0, :D] += 1
-    graph = prefix_graph(3, name == "fcgn", True, x.device)
-    network = make(name, members=1)
-    pairs = (network.prepare(v, whole=True).pairs for v in (x, changed))
-    hearing = graph.block[: graph.hear.stop - graph.hear.start]
-    before, after = (network.messages(p, graph)[:, hearing > 0] for p in pairs)
-    assert torch.allclose(before, after) is not heard
+    edge_index = prefix_graph(3, name == "fcgn", True, x.device).edge_index
+    before, after = (network.conv(*nodes.split([F - D, D], -1), edge_index)[:, 1:] for nodes in (x, changed))
+    assert torch.allclose(before, after) is not receives
 
 
-def test_lstm_equals_torchs_own_on_the_blocks_from_top_to_bottom() -> None:
+def test_the_graph_of_all_prefixes_is_theirs_side_by_side() -> None:
+    """Of three placements: nodes 0, 1 are the prefix of two, nodes 2, 3, 4 the whole plan."""
+    graph = prefix_graph(3, False, False, torch.device("cpu"))
+    assert graph.placement.tolist() == [0, 1, 0, 1, 2]
+    assert graph.prefix.tolist() == [0, 0, 1, 1, 1]
+    assert sorted(graph.edge_index.T.tolist()) == [[1, 0], [3, 2], [4, 2], [4, 3]]
+    both_ways = prefix_graph(3, True, True, torch.device("cpu"))
+    assert sorted(both_ways.edge_index.T.tolist()) == [[0, 1], [0, 2], [1, 0], [1, 2], [2, 0], [2, 1]]
+
+
+def test_lstm_equals_torchs_own_on_the_placements_from_last_to_first() -> None:
     network, x = make("lstm"), torch.randn(MEMBERS, 5, 4, F)
     w = {key: value[1] for key, value in network.state_dict().items()}
     reference = nn.LSTM(F, H, num_layers=3, batch_first=True)
@@ -190,15 +194,15 @@ def test_lstm_equals_torchs_own_on_the_blocks_from_top_to_bottom() -> None:
 
     with torch.no_grad():
         for layer in range(3):
-            read, state = gates(w[f"layers.{layer}.weight"]).tensor_split([-H])
+            read, state = gates(w[f"layers.{layer}.gates.weight"]).tensor_split([-H])
             getattr(reference, f"weight_ih_l{layer}").copy_(read.T)
             getattr(reference, f"weight_hh_l{layer}").copy_(state.T)
-            getattr(reference, f"bias_ih_l{layer}").copy_(gates(w[f"layers.{layer}.bias"])[0])
+            getattr(reference, f"bias_ih_l{layer}").copy_(gates(w[f"layers.{layer}.gates.bias"])[0])
             getattr(reference, f"bias_hh_l{layer}").zero_()
         last = reference(x[1].flip(1))[0][:, -1]
-        hidden = torch.relu(last @ w["readout.weight"] + w["readout.bias"])
-        expected = (hidden @ w["logit.weight"] + w["logit.bias"])[:, 0]
-        torch.testing.assert_close(network(x, whole=True)[1, :, 0], expected)
+        hidden = torch.relu(last @ w["readout.0.weight"] + w["readout.0.bias"])
+        expected = (hidden @ w["readout.2.weight"] + w["readout.2.bias"])[:, 0]
+        torch.testing.assert_close(network(x, last_only=True)[1, :, 0], expected)
 
 
 def test_members_do_not_mix() -> None:

@@ -20,7 +20,7 @@ from apf.towers import AnalyticWorld, NoisyWorld, Tallest
 
 ANALYTIC = {"_target_": "apf.towers.AnalyticWorld"}
 TALLEST = {"_target_": "apf.towers.Tallest"}
-TGN = {"_target_": "apf.models.TowersGraphNetwork", "_partial_": True, "hidden": 8}
+TGN = {"_target_": "apf.models.TGN", "_partial_": True, "hidden": 8}
 PICKLE = {"_target_": "pandas.read_pickle"}
 
 

@@ -1,11 +1,12 @@
 """Training an ensemble: examples, batches, what is kept, determinism, learning at all."""
 
 import copy
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 from functools import partial
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,20 +17,15 @@ from torch import nn
 
 from apf.config.values import config_dir
 from apf.domain import Kind, Labelled
-from apf.models import (
-    Ensemble,
-    EnsembleNetwork,
-    EnsembleSettings,
-    FullyConnectedGraphNetwork,
-    LSTMNetwork,
-    TowersGraphNetwork,
-    Training,
-)
+from apf.models import FCGN, TGN, Ensemble, EnsembleNetwork, EnsembleSettings, LSTMNetwork, Training
 from apf.models import training as training_module
-from apf.models.ensemble import SIZES
+from apf.models import updates as updates_module
+from apf.models.batches import batches, batches_of
 from apf.models.examples import examples
-from apf.models.optimiser import AdamW
-from apf.models.training import CHECK, History, Updates, _batches, batches_of, fit, validation_loss
+from apf.models.kernels import passes_of
+from apf.models.passes import Passes
+from apf.models.training import CHECK, History, fit
+from apf.models.updates import Rates, Updates, validation_loss
 from apf.towers import AnalyticWorld, TowerDomain, Towers, random_towers, standing_prefixes
 from apf.towers.features import features, mirrored, weighed
 
@@ -42,7 +38,7 @@ def labelled(length: int, n: int, seed: int) -> Labelled:
 
 
 def ensemble(kind: Kind = Kind.SUBSEQUENCE, members: int = 3, odds: float = 1.0, **training: float | None) -> Ensemble:
-    settings = EnsembleSettings(members=members, network=partial(TowersGraphNetwork, hidden=16))
+    settings = EnsembleSettings(members=members, network=partial(TGN, hidden=16))
     return Ensemble(settings, kind, DOMAIN, Training(**({"updates": 20} | training)), torch.device("cpu"), odds)
 
 
@@ -96,19 +92,19 @@ def test_batches_hold_every_example_once_and_about_as_many_labels_each() -> None
     generators = [torch.Generator().manual_seed(seed) for seed in range(2)]
     sizes = [(40, 1), (24, 2)]  # pairs, and triples with two labels each
     epoch = sum(batches_of(*size, 8) for size in sizes)
-    batches = list(islice(_batches(sizes, 8, generators, torch.Generator(), torch.device("cpu")), epoch))
-    assert [rows.shape for group, rows in batches if group == 0] == [(2, 8)] * 5
-    assert [rows.shape for group, rows in batches if group == 1] == [(2, 4)] * 6
-    assert len({group for group, _ in batches[:5]}) == 2  # the lengths come in random order
+    drawn = list(islice(batches(sizes, 8, generators, torch.Generator(), torch.device("cpu")), epoch))
+    assert [rows.shape for group, rows in drawn if group == 0] == [(2, 8)] * 5
+    assert [rows.shape for group, rows in drawn if group == 1] == [(2, 4)] * 6
+    assert len({group for group, _ in drawn[:5]}) == 2  # the lengths come in random order
     for number, (n, _) in enumerate(sizes):
-        orders = torch.cat([rows for group, rows in batches if group == number], 1)
+        orders = torch.cat([rows for group, rows in drawn if group == number], 1)
         assert orders.sort(1).values.tolist() == [list(range(n))] * 2
         assert orders[0].tolist() != orders[1].tolist()
 
 
 def test_a_batch_is_never_empty() -> None:
-    batches = _batches([(2, 4)], 1, [torch.Generator()], torch.Generator(), torch.device("cpu"))
-    assert [rows.shape for _, rows in islice(batches, 5)] == [(1, 1)] * 5
+    drawn = batches([(2, 4)], 1, [torch.Generator()], torch.Generator(), torch.device("cpu"))
+    assert [rows.shape for _, rows in islice(drawn, 5)] == [(1, 1)] * 5
 
 
 def test_an_update_learns_each_example_with_its_own_labels() -> None:
@@ -119,7 +115,7 @@ def test_an_update_learns_each_example_with_its_own_labels() -> None:
     x, y = torch.from_numpy(group.x), torch.from_numpy(group.y)
     plain = copy.deepcopy(model.network)
     rows = torch.tensor([[0, 5, 9, 17], [3, 4, 11, 2]])
-    logits, labels = Updates(model.network, [(x, y)], weight_decay=0.1).step(0, rows, (1e-3, 0.5))
+    logits, labels = Updates(model.passes, [(x, y)], weight_decay=0.1).step(0, rows, (1e-3, 0.5))
     assert torch.equal(labels, y[rows])
     expected = plain(x[rows])
     torch.testing.assert_close(logits, expected)
@@ -145,8 +141,8 @@ def test_stopped_early_each_member_keeps_the_weights_of_its_own_best_check(monke
     fake = torch.tensor([[4.0, 4.0], [1.0, 3.0], [2.0, 1.0], [2.0, 2.0]])
     seen: list[list[torch.Tensor]] = []
 
-    def scripted(network: EnsembleNetwork, groups: object) -> torch.Tensor:
-        seen.append([parameter.detach().clone() for parameter in network.parameters()])
+    def scripted(passes: Passes, groups: object) -> torch.Tensor:
+        seen.append([parameter.detach().clone() for parameter in passes.parameters])
         return fake[len(seen) - 1]
 
     monkeypatch.setattr(training_module, "validation_loss", scripted)
@@ -160,12 +156,23 @@ def test_stopped_early_each_member_keeps_the_weights_of_its_own_best_check(monke
             assert torch.equal(weight[member], seen[check][number][member])
 
 
+def the_weights(optimiser: torch.optim.AdamW) -> torch.Tensor:
+    """All weights of all members, which are one parameter."""
+    ((parameter,),) = (group["params"] for group in optimiser.param_groups)
+    return parameter
+
+
+def learning_rate(optimiser: torch.optim.AdamW) -> float:
+    (group,) = optimiser.param_groups
+    return float(group["lr"])
+
+
 def trained(model: Ensemble, *parts: list[Labelled]) -> History:
     """Fit the ensemble to training and validation plans as they are."""
     generators = [torch.Generator().manual_seed(member) for member in range(model.members)]
     model.network.reset(generators)
     groups = [examples(part, Kind.SUBSEQUENCE, DOMAIN) for part in parts]
-    return fit(model.network, *groups, model.training, generators, torch.Generator(), plans=20)
+    return fit(model.passes, *groups, model.training, generators, torch.Generator(), plans=20)
 
 
 def test_a_look_at_the_validation_loss_changes_nothing_of_the_training() -> None:
@@ -183,7 +190,7 @@ def test_the_validation_loss_is_that_of_the_weights_that_are_kept() -> None:
     assert history.kept.tolist() == history.validation_loss.argmin(0).tolist()
     groups = [(torch.from_numpy(e.x), torch.from_numpy(e.y)) for e in examples(validation, Kind.SUBSEQUENCE, DOMAIN)]
     assert len({len(x) for x, _ in groups}) == len(groups) == 2
-    said = validation_loss(model.network, groups)
+    said = validation_loss(model.passes, groups)
     np.testing.assert_allclose(said.numpy(), history.validation_loss.min(0), rtol=1e-5)
 
 
@@ -191,34 +198,38 @@ def test_losses_of_a_check_are_means_over_the_updates_since_the_check_before(mon
     """Weights are made to stay as they are until the first check, then to double, and to stay so."""
     updates: list[float] = []
 
-    def double_once(optimiser: AdamW, gradients: list[torch.Tensor], learning_rate: float) -> None:
-        updates.append(learning_rate)
-        for weights in optimiser.weights if len(updates) == CHECK else ():
-            weights *= 2
+    def double_once(optimiser: torch.optim.AdamW) -> None:
+        updates.append(learning_rate(optimiser))
+        if len(updates) == CHECK:
+            the_weights(optimiser).mul_(2)
 
-    monkeypatch.setattr(AdamW, "step", double_once)
+    monkeypatch.setattr(torch.optim.AdamW, "step", double_once)
     group = labelled(2, 10, 1)
     (whole,) = examples([group], Kind.SUBSEQUENCE, DOMAIN)
     model = ensemble(updates=CHECK + 3, averaging=0, batch=len(whole))  # every batch holds all examples
     seen = [(torch.from_numpy(whole.x), torch.from_numpy(whole.y))]
     model.network.reset([torch.Generator().manual_seed(member) for member in range(3)])
-    first = validation_loss(model.network, seen)
+    first = validation_loss(model.passes, seen)
     history = trained(model, [group], [])
-    expected = torch.stack([first, validation_loss(model.network, seen)])
+    expected = torch.stack([first, validation_loss(model.passes, seen)])
     np.testing.assert_allclose(history.train_loss, expected.numpy(), rtol=1e-4)
     assert len(set(history.train_loss.ravel().round(4).tolist())) == 6
 
 
 def test_an_update_follows_the_gradient_of_each_members_mean_cross_entropy(monkeypatch: pytest.MonkeyPatch) -> None:
     seen: list[list[torch.Tensor]] = []
-    monkeypatch.setattr(AdamW, "step", lambda self, gradients, rate: seen.append([g.clone() for g in gradients]))
+
+    def note(self: Updates, gradients: Sequence[torch.Tensor], rates: Rates) -> None:
+        seen.append([gradient.clone() for gradient in gradients])
+
+    monkeypatch.setattr(Updates, "move", note)
     group = labelled(3, 10, 1)
     model = ensemble(updates=1, batch=1000)
     for part in examples([group], Kind.SUBSEQUENCE, DOMAIN):
         seen.clear()
         generators = [torch.Generator().manual_seed(member) for member in range(3)]
         model.network.reset(generators)
-        fit(model.network, [part], [], model.training, generators, torch.Generator(), plans=20)
+        fit(model.passes, [part], [], model.training, generators, torch.Generator(), plans=20)
         x, y = torch.from_numpy(part.x), torch.from_numpy(part.y)
         logits = model.network(x.expand(3, *x.shape), y.shape[1] < x.shape[1] - 1)
         loss = nn.functional.binary_cross_entropy_with_logits(logits, y.expand_as(logits), reduction="none")
@@ -232,13 +243,13 @@ def test_weight_decay_counts_for_less_the_more_plans_there_are(
     weight_decay: float, plans: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     made: list[float] = []
-    make = AdamW.__init__
+    make = torch.optim.AdamW.__init__
 
-    def noted(self: AdamW, weights: list[torch.Tensor], decay: float) -> None:
-        made.append(decay)
-        make(self, weights, decay)
+    def noted(self: torch.optim.AdamW, *inputs: Any, **options: Any) -> None:
+        made.append(options["weight_decay"])
+        make(self, *inputs, **options)
 
-    monkeypatch.setattr(AdamW, "__init__", noted)
+    monkeypatch.setattr(torch.optim.AdamW, "__init__", noted)
     model = ensemble(updates=1, weight_decay=weight_decay)
     model.fit([labelled(2, plans // 5, 1)], [labelled(3, plans - plans // 5, 2)], np.random.default_rng(0))
     assert made == [weight_decay / plans]
@@ -250,7 +261,8 @@ def test_the_first_loss_that_is_not_finite_is_named(early_stopping: bool, monkey
         of_members = torch.tensor([0.5, torch.inf, torch.nan])
         return torch.zeros_like(logits) + of_members.view(-1, *[1] * (logits.dim() - 1))
 
-    monkeypatch.setattr(training_module, "_loss", broken)
+    for module in (training_module, updates_module):
+        monkeypatch.setattr(module, "cross_entropy", broken)
     model = ensemble(updates=2 * CHECK, early_stopping=early_stopping)
     with pytest.raises(FloatingPointError, match=f"^a loss is inf after {CHECK} updates$"):
         model.fit([labelled(2, 20, 1)], [labelled(2, 8, 2)], np.random.default_rng(0))
@@ -294,11 +306,10 @@ def test_patience_ends_early_stopping_when_no_member_has_improved_for_so_long() 
 
 
 def test_without_validation_plans_the_last_weights_are_kept_though_losses_rise(monkeypatch: pytest.MonkeyPatch) -> None:
-    def grow(optimiser: AdamW, gradients: list[torch.Tensor], learning_rate: float) -> None:
-        for weights in optimiser.weights:
-            weights *= 1.01
+    def grow(optimiser: torch.optim.AdamW) -> None:
+        the_weights(optimiser).mul_(1.01)
 
-    monkeypatch.setattr(AdamW, "step", grow)
+    monkeypatch.setattr(torch.optim.AdamW, "step", grow)
     history = trained(ensemble(updates=3 * CHECK), [labelled(2, 20, 1)], [])
     assert (history.train_loss[-1] > history.train_loss[0]).any()
     assert history.kept.tolist() == [2, 2, 2]
@@ -310,7 +321,7 @@ def test_patience_counts_from_the_last_lowest_loss_of_any_member(
 ) -> None:
     """Member 0 is best at the first check, member 1 gets better until the fourth; an equal loss is no better one."""
     fake = iter(torch.tensor([[1.0, 9.0], [2, 8], [2, 7], [1, 6], [1, 6], [2, 7], [2, 7], [2, 7], [2, 7]]))
-    monkeypatch.setattr(training_module, "validation_loss", lambda network, groups: next(fake))
+    monkeypatch.setattr(training_module, "validation_loss", lambda passes, groups: next(fake))
     model = ensemble(members=2, updates=9 * CHECK, early_stopping=True, patience=patience)
     history = model.fit([labelled(2, 20, 1)], [labelled(2, 8, 2)], np.random.default_rng(0))
     assert len(history.validation_loss) == checks
@@ -335,8 +346,8 @@ def test_without_early_stopping_all_plans_are_trained_on_and_the_last_weights_ke
         torch.testing.assert_close(one, other)
 
 
-@pytest.mark.parametrize("kind", [TowersGraphNetwork, partial(LSTMNetwork, layers=2)])
-def test_many_plans_are_judged_as_each_alone_in_chunks_of_few_sizes(
+@pytest.mark.parametrize("kind", [TGN, partial(LSTMNetwork, layers=2)])
+def test_many_plans_are_judged_as_each_alone_in_chunks(
     kind: Callable[..., EnsembleNetwork], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("apf.models.ensemble.FEW", 0)
@@ -344,17 +355,17 @@ def test_many_plans_are_judged_as_each_alone_in_chunks_of_few_sizes(
     model = Ensemble(settings, Kind.SUBSEQUENCE, DOMAIN, Training(), torch.device("cpu"))
     model.network.reset([torch.Generator().manual_seed(e) for e in range(2)])
     towers = DOMAIN.random_plans(4, 2500, np.random.default_rng(0))
-    sizes, prepare = set[int](), model.network.prepare
+    sizes, prepare = set[int](), model.passes.prepare
 
-    def noted(x: torch.Tensor, whole: bool) -> object:
+    def noted(x: torch.Tensor, last_only: bool) -> object:
         sizes.add(x.shape[1])
-        return prepare(x, whole)
+        return prepare(x, last_only)
 
-    monkeypatch.setattr(model.network, "prepare", noted)
+    monkeypatch.setattr(model.passes, "prepare", noted)
     everything = model.predict(towers)
-    for n in (1, 7, 255, 300, 301, 302, 303, 304, 1023, 1024, 1025, 2049):
+    assert len(sizes) == 2 and max(sizes) == 1024
+    for n in (1, 7, 255, 300, 1023, 1024, 1025, 2049):
         np.testing.assert_allclose(model.predict(towers[:n]), everything[:, :n], rtol=1e-4)
-    assert len(sizes) <= SIZES
 
 
 def test_of_no_plans_nothing_is_said() -> None:
@@ -367,7 +378,7 @@ def test_of_no_plans_nothing_is_said() -> None:
 def test_the_learning_rate_rises_to_its_value(warmup: int, rates: list[float], monkeypatch: pytest.MonkeyPatch) -> None:
     seen: list[float] = []
 
-    monkeypatch.setattr(AdamW, "step", lambda self, gradient, learning_rate: seen.append(learning_rate))
+    monkeypatch.setattr(torch.optim.AdamW, "step", lambda self: seen.append(learning_rate(self)))
     model = ensemble(learning_rate=0.2, warmup=warmup, updates=6)
     model.fit([labelled(2, 20, 1)], [], np.random.default_rng(0))
     assert seen == pytest.approx([0.2 * rate for rate in rates])
@@ -376,18 +387,17 @@ def test_the_learning_rate_rises_to_its_value(warmup: int, rates: list[float], m
 def test_what_is_kept_is_a_running_mean_of_the_weights(monkeypatch: pytest.MonkeyPatch) -> None:
     """Without the losses: each update is made to add 1 to every weight."""
 
-    def add_one(optimiser: AdamW, gradients: list[torch.Tensor], learning_rate: float) -> None:
-        for weights in optimiser.weights:
-            weights += 1
+    def add_one(optimiser: torch.optim.AdamW) -> None:
+        the_weights(optimiser).add_(1)
 
-    monkeypatch.setattr(AdamW, "step", add_one)
+    monkeypatch.setattr(torch.optim.AdamW, "step", add_one)
     group = examples([labelled(2, 20, 1)], Kind.SUBSEQUENCE, DOMAIN)
     for averaging, updates in ((0.0, 7), (0.5, 3), (0.5, 30)):
         model = ensemble(members=2, averaging=averaging, updates=updates)
         generators = [torch.Generator().manual_seed(member) for member in range(2)]
         model.network.reset(generators)
         starts = [parameter.detach().clone() for parameter in model.network.parameters()]
-        fit(model.network, group, group, model.training, generators, torch.Generator(), plans=20)
+        fit(model.passes, group, group, model.training, generators, torch.Generator(), plans=20)
         kept = 0.0
         for update in range(1, updates + 1):
             share = min(averaging, update / (update + 9))
@@ -396,17 +406,22 @@ def test_what_is_kept_is_a_running_mean_of_the_weights(monkeypatch: pytest.Monke
             torch.testing.assert_close(after.detach(), before + kept)
 
 
-def test_the_optimiser_is_pytorchs() -> None:
+@pytest.mark.parametrize("kernels", [True, False])
+def test_all_weights_move_as_adamw_moves_each_parameter(kernels: bool) -> None:
+    network = TGN(members=2, n_features=10, n_position=3, hidden=8)
+    network.reset([torch.Generator().manual_seed(seed) for seed in range(2)])
+    plain = copy.deepcopy(network)
+    updates = Updates(passes_of(network, kernels), [], weight_decay=0.3)
+    reference = torch.optim.AdamW(plain.parameters(), weight_decay=0.3)
     generator = torch.Generator().manual_seed(0)
-    start, gradients = torch.randn(2, 5, 7, generator=generator), torch.randn(20, 2, 7, 5, generator=generator)
-    ours, theirs = start.clone(), nn.Parameter(start.clone())
-    optimiser, reference = AdamW([ours], 0.3), torch.optim.AdamW([theirs], weight_decay=0.3, fused=True)
-    for update, gradient in enumerate(gradients.mT, 1):  # which do not lie in memory as the weights do
-        theirs.grad = gradient.contiguous()
+    for update in range(1, 21):
+        for parameter in plain.parameters():
+            parameter.grad = torch.randn(parameter.mT.shape, generator=generator).mT  # lies otherwise than the weights
+        updates.move([parameter.grad for parameter in plain.parameters()], (0.01 * update, 0.5))
         reference.param_groups[0]["lr"] = 0.01 * update
         reference.step()
-        optimiser.step([gradient], 0.01 * update)
-        assert torch.equal(ours, theirs)
+        for ours, theirs in zip(network.parameters(), plain.parameters(), strict=True):
+            torch.testing.assert_close(ours, theirs)
 
 
 def test_members_train_the_same_alone_and_together() -> None:
@@ -417,22 +432,18 @@ def test_members_train_the_same_alone_and_together() -> None:
         mine = [torch.Generator().manual_seed(member) for member in members]
         model.network.reset(mine)
         parts = (examples(part, Kind.SUBSEQUENCE, DOMAIN) for part in (train, validation))
-        history = fit(model.network, *parts, model.training, mine, torch.Generator(), plans=40)
+        history = fit(model.passes, *parts, model.training, mine, torch.Generator(), plans=40)
         losses.append(history.train_loss[-1, members.index(1)])
     np.testing.assert_allclose(*losses, rtol=1e-4)
 
 
-@pytest.mark.parametrize(
-    ("kind", "options"), [(TowersGraphNetwork, {}), (FullyConnectedGraphNetwork, {}), (LSTMNetwork, {"layers": 2})]
-)
-def test_written_out_a_network_trains_as_autograd_would_train_it(
+@pytest.mark.parametrize(("kind", "options"), [(TGN, {}), (FCGN, {}), (LSTMNetwork, {"layers": 2})])
+def test_after_sixty_updates_a_kernel_has_the_weights_of_the_definition(
     kind: type[EnsembleNetwork], options: dict[str, int]
 ) -> None:
-    """Also after many updates: what was looked up at the start follows the weights."""
-    autograds = type("LeftToAutograd", (kind,), {"logits_of": lambda self, prepared: kind.logits_of(self, prepared)})
     kept = []
-    for network in (kind, autograds):
-        settings = EnsembleSettings(members=2, network=partial(network, hidden=16, **options))
+    for kernels in (True, False):
+        settings = EnsembleSettings(members=2, network=partial(kind, hidden=16, **options), kernels=kernels)
         model = Ensemble(settings, Kind.SUBSEQUENCE, DOMAIN, Training(updates=60), torch.device("cpu"))
         model.fit([labelled(2, 30, 1), labelled(4, 20, 2)], [], np.random.default_rng(0))
         kept.append(list(model.network.parameters()))
@@ -449,7 +460,7 @@ def test_validation_loss_is_the_mean_cross_entropy_of_all_labels() -> None:
     logits = model.network(x.expand(2, *x.shape)).detach()
     p = torch.sigmoid(logits)
     expected = -(y * p.log() + (1 - y) * (1 - p).log()).mean((1, 2))
-    torch.testing.assert_close(validation_loss(model.network, [(x, y)]), expected)
+    torch.testing.assert_close(validation_loss(model.passes, [(x, y)]), expected)
 
 
 def test_prediction_and_training_may_alternate() -> None:
@@ -512,7 +523,7 @@ def test_a_loss_that_is_not_finite_is_an_error() -> None:
         model.fit([broken], [group], np.random.default_rng(0))
 
 
-@pytest.mark.parametrize("network", [partial(TowersGraphNetwork, hidden=32), partial(LSTMNetwork, hidden=16, layers=1)])
+@pytest.mark.parametrize("network", [partial(TGN, hidden=32), partial(LSTMNetwork, hidden=16, layers=1)])
 def test_it_learns_which_pairs_of_blocks_stand(network: object) -> None:
     settings = EnsembleSettings(members=2, network=network)
     training = Training(updates=600)

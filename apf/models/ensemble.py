@@ -11,27 +11,23 @@ import torch
 from safetensors import SafetensorError
 from safetensors.torch import load_file, save_file
 from torch import Tensor
-from torch.nn.functional import pad
 
 from apf.domain import Domain, Kind, Labelled, Predictor
 from apf.models.examples import examples
+from apf.models.kernels import passes_of
 from apf.models.layers import EnsembleNetwork
 from apf.models.training import History, Training, fit
 from apf.rng import torch_generator
 from apf.settings import Few, settings
 
 CHUNK = 6144
-"""Pairs of blocks that one member looks at together: activations then stay in the cache."""
-
-SIZES = 8
-"""How many sizes chunks may have; the last one is filled up to the next. oneDNN compiles a product for every new size,
-which takes longer than to make it."""
+"""Pairs of placements that one member predicts together: activations then stay in the cache."""
 
 FEW = 2048
-"""Pairs of blocks that all members look at together: starting operations for each takes longer than computing."""
+"""Pairs of placements that all members predict together: to start operations for each takes longer than to compute."""
 
 ON_GPU = 2**20
-"""Pairs of blocks, counted for each member, that a GPU looks at together: an activation then takes 256 MiB."""
+"""Pairs of placements, counted for each member, that a GPU predicts together: an activation then takes 256 MiB."""
 
 
 @settings
@@ -42,12 +38,22 @@ class EnsembleSettings:
     """N in the paper: theta_1 .. theta_N."""
     network: Callable[..., EnsembleNetwork]
     """Makes the stacked network, given `members`, `n_features` and `n_position`."""
+    kernels: bool = True
+    """Use passes written out by hand, where the network has some (`apf/models/kernels`)?"""
 
 
 class Ensemble(Predictor):
     """N networks of one architecture, trained on the same plans from different starts: Pr(Theta | D).
 
-    kind: what their outputs mean, Theta_comp or Theta_ss. Weights are stacked, so all members train as one network.
+    Weights are stacked, so all members train as one network.
+
+    Args:
+        settings: the number of members, and their architecture.
+        kind: what the outputs mean, Theta_comp or Theta_ss.
+        domain: computes the features of plans.
+        training: how members are trained.
+        device: where the networks are computed.
+        odds: factor for the odds of success in `feasibility` and `last_feasibility`.
     """
 
     def __init__(
@@ -59,7 +65,6 @@ class Ensemble(Predictor):
         device: torch.device,
         odds: float = 1.0,
     ) -> None:
-        """odds: what the odds of success are multiplied by in judging plans, `feasibility` and `last_feasibility`."""
         self.members = settings.members
         self.kind = kind
         self.by_prefix = kind is Kind.SUBSEQUENCE
@@ -70,43 +75,54 @@ class Ensemble(Predictor):
         self.together = device.type != "cpu"
         sizes = {"n_features": domain.n_features, "n_position": domain.n_position}
         self.network = settings.network(members=settings.members, **sizes).to(device)
-        self._some = settings.network(members=1, **sizes).to(device)  # shares the weights of those that are asked
+        self.passes = passes_of(self.network, settings.kernels)
+        some = settings.network(members=1, **sizes).to(device)
+        self._some = passes_of(some, settings.kernels)  # takes the weights of the members that predict
 
     def fit(self, train: Sequence[Labelled], validation: Sequence[Labelled], rng: np.random.Generator) -> History:
         """Train all members from scratch, each with its own start and order of examples.
 
-        Without early stopping the validation plans are trained on, too.
-        Raises FloatingPointError if a loss is not finite.
+        Args:
+            train: labelled plans to train on.
+            validation: labelled plans for early stopping; without early stopping, they are trained on, too.
+            rng: for initial weights and the order of examples.
+
+        Returns:
+            The losses.
+
+        Raises:
+            FloatingPointError: a loss is not finite.
         """
-        *generators, turns = (torch_generator(rng) for _ in range(self.members + 1))
+        *generators, length_generator = (torch_generator(rng) for _ in range(self.members + 1))
         self.network.reset(generators)
         if not self.training.early_stopping:
             train, validation = [*train, *validation], []
         train_examples, validation_examples = (examples(part, self.kind, self.domain) for part in (train, validation))
         plans = sum(len(group.labels) for group in train)
-        return fit(self.network, train_examples, validation_examples, self.training, generators, turns, plans)
+        parts = train_examples, validation_examples
+        return fit(self.passes, *parts, self.training, generators, length_generator, plans)
 
     def predict(self, plans: Any) -> Tensor:
-        """[E, N, P] float64: what each member says of each plan; on the ensemble's device, if that knows this type.
+        """[E, N, P] float64 probabilities of each member for each plan; on the ensemble's device, if it has this type.
 
         Theta_ss: P = K - 1, the probability that prefix 2..K is feasible given that those before it were.
         Theta_comp: P = 1, the probability that the whole plan is.
         """
-        return self._predict(plans, whole=self.kind is Kind.COMPLETE)
+        return self._predict(plans, last_only=self.kind is Kind.COMPLETE)
 
     def feasibility(self, plans: Any, rng: np.random.Generator | None = None) -> np.ndarray:
         """[N] probability that the whole plan is feasible: the mean over members for each output, then their product.
 
         Under Theta_ss that is eq. (theta-ss); the first placement is feasible by assumption. Draws nothing.
         """
-        p = self._predict(plans, whole=self.kind is Kind.COMPLETE, odds=self.odds)
+        p = self._predict(plans, last_only=self.kind is Kind.COMPLETE, odds=self.odds)
         return _mean(p).prod(1)
 
     def last_feasibility(self, plans: Any, members: slice = slice(None)) -> np.ndarray:
         """[N] mean over these members: probability that the last placement succeeds, given that those before it did
         (Theta_ss), or that the whole plan does (Theta_comp).
         """
-        p = self._predict(plans, whole=True, members=members, odds=self.odds)
+        p = self._predict(plans, last_only=True, members=members, odds=self.odds)
         return _mean(p)[:, 0]
 
     def save(self, path: Path) -> None:
@@ -120,47 +136,45 @@ class Ensemble(Predictor):
         """Read weights that `save` wrote."""
         self.network.load_state_dict(load_file(path, device=str(self.device)))
 
-    def _predict(self, plans: Any, whole: bool, members: slice = slice(None), odds: float = 1.0) -> Tensor:
-        """[members, N, K - 1], or [members, N, 1] if `whole`; each probability with its odds multiplied."""
-        asked = range(self.members)[members]
-        logits = torch.empty(len(asked), len(plans), 1 if whole else plans.length - 1, device=self.device)
+    def _predict(self, plans: Any, last_only: bool, members: slice = slice(None), odds: float = 1.0) -> Tensor:
+        """[members, N, K - 1], or [members, N, 1] if `last_only`; each probability with its odds multiplied."""
+        chosen = range(self.members)[members]
+        logits = torch.empty(len(chosen), len(plans), 1 if last_only else plans.length - 1, device=self.device)
         if not len(plans):
             return _doubles(logits)
-        size, grain, at_once = self._portions(len(plans), math.comb(plans.length, 2), len(asked))
-        groups = [asked[i : i + at_once] for i in range(0, len(asked), at_once)]
-        weights, stacks = list(self._some.parameters()), [stack.data for stack in self.network.parameters()]
+        size, at_once = self._portions(len(plans), math.comb(plans.length, 2), len(chosen))
+        groups = [chosen[i : i + at_once] for i in range(0, len(chosen), at_once)]
+        weights, stacks = self._some.parameters, [stack.data for stack in self.passes.parameters]
         with torch.inference_mode():
             for part, of_part in zip(self._features(plans, size), logits.split(size, 1), strict=True):
-                filled = pad(part, (0, 0, 0, 0, 0, -len(part) % grain))
-                prepared = self.network.prepare(filled[None], whole)
+                prepared = self.passes.prepare(part[None], last_only)
                 for group, of_group in zip(groups, of_part.split(at_once), strict=True):
                     for weight, stack in zip(weights, stacks, strict=True):
                         weight.data = stack[group.start : group.stop]
-                    of_group.copy_(self._some.logits_of(prepared)[:, : len(part)])
+                    of_group.copy_(self._some.logits(prepared))
         return _doubles(logits).add_(math.log(odds)).sigmoid_()
 
     def _features(self, plans: Any, size: int) -> Iterable[Tensor]:
         """Features [size or fewer, K, F] of some plans after others, on the device.
 
-        While a GPU judges some, the CPU computes those of the next.
+        While a GPU predicts some plans, the CPU computes the features of the next ones.
         """
         if self.device.type == "cpu":
             return torch.from_numpy(self.domain.features(plans)).split(size)
         parts = (plans[start : start + size] for start in range(0, len(plans), size))
         return (torch.from_numpy(self.domain.features(part)).to(self.device) for part in parts)
 
-    def _portions(self, plans: int, pairs: int, members: int) -> tuple[int, int, int]:
-        """How many plans are asked about at once, of what their number is to be a multiple, and how many members.
+    def _portions(self, plans: int, pairs: int, members: int) -> tuple[int, int]:
+        """How many plans, and how many members, are computed at once.
 
-        On a CPU few plans are shown to all members together; many in chunks that keep activations in the cache, each to
-        one member after another. On a GPU as much is done at once as memory allows.
+        On a CPU, all members predict few plans together; many plans are predicted in chunks that keep activations in
+        the cache, by one member after another. A GPU computes as much at once as memory allows.
         """
         if self.device.type != "cpu":
-            return max(1, ON_GPU // (pairs * members)), 1, members
+            return max(1, ON_GPU // (pairs * members)), members
         if plans * pairs <= FEW:
-            return plans, 1, members
-        size = max(CHUNK // pairs, 256)
-        return size, size // SIZES, 1
+            return plans, members
+        return max(CHUNK // pairs, 256), 1
 
 
 def _mean(p: Tensor) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""What a model learns from: the features of labelled plans, as its kind reads their labels."""
+"""Training examples: the features of labelled plans, and their labels as Theta_ss or Theta_comp."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -23,19 +23,27 @@ class Examples:
 
 
 def examples(labelled: Sequence[Labelled], kind: Kind, domain: Domain) -> list[Examples]:
-    """All examples that the labelled plans hold for a model of this kind, from all sides that the domain knows.
+    """The examples that labelled plans give a model, in all views of the domain.
 
-    For Theta_ss a plan is cut where it fell: what was never attempted teaches nothing, and every prefix of what
-    remains has a label. For Theta_comp it keeps its length and has one label: whether all of it stood.
+    For Theta_ss a plan is cut after its first failure: every remaining prefix has a label, and prefixes that were never
+    attempted have none. For Theta_comp a plan keeps its length and has one label: whether the whole plan succeeded.
+
+    Args:
+        labelled: groups of labelled plans.
+        kind: Theta_ss or Theta_comp.
+        domain: computes features and views.
+
+    Returns:
+        One group of examples for each length, the shortest first.
     """
     parts: dict[int, list[Examples]] = {}
     for group in labelled:
         observed = (group.labels != UNOBSERVED).sum(1)
-        whole = kind is Kind.COMPLETE
-        for length in [group.plans.length] if whole else [n for n in np.unique(observed) if n > 1]:
-            rows = slice(None) if whole else observed == length
+        complete = kind is Kind.COMPLETE
+        for length in [group.plans.length] if complete else [n for n in np.unique(observed) if n > 1]:
+            rows = slice(None) if complete else observed == length
             labels = group.labels[rows]
-            y = (labels == 1).all(1)[:, None] if whole else labels[:, 1:length] == 1
+            y = (labels == 1).all(1)[:, None] if complete else labels[:, 1:length] == 1
             plans = group.plans[rows].prefix(length)
             for view in domain.views(plans):
                 parts.setdefault(int(length), []).append(Examples(view, y.astype(np.float32)))

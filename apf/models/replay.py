@@ -1,7 +1,7 @@
-"""Steps that a GPU repeats by itself, without being told each operation anew: CUDA graphs.
+"""CUDA graphs: a GPU records the operations of a step once, and then replays them.
 
-An update of a small ensemble is some sixty operations, each over before the next one has been started: the GPU waits
-for Python. A CUDA graph holds these operations with the places in memory that they read and write, and starts as one.
+An update of a small ensemble is some sixty operations. The GPU finishes each before Python has started the next.
+A CUDA graph holds all operations with the places in memory that they read and write, and starts as one operation.
 """
 
 from collections.abc import Callable, Hashable
@@ -25,11 +25,12 @@ class _Recording:
 
 
 class Replayed:
-    """Does what a step does, from a CUDA graph once the step has run with the same key and inputs of the same shapes.
+    """A step that is replayed from a CUDA graph after its first run with the same key and inputs of the same shapes.
 
-    step: `step(key, *inputs)`. Besides its inputs it may read and write tensors that stay where they are in memory.
-        What it does must follow from the key and the shapes alone: it may not wait for the GPU, look at values of
-        tensors, or draw.
+    Args:
+        step: `step(key, *inputs)`. The step may read and write its inputs, and tensors that stay where they are in
+            memory. Its operations must follow from the key and the shapes alone: the step may not wait for the GPU,
+            read values of tensors, or draw random numbers.
     """
 
     def __init__(self, step: Step) -> None:
@@ -38,9 +39,9 @@ class Replayed:
         self.recordings: dict[Hashable, _Recording | None] = {}
 
     def __call__(self, key: Hashable, *inputs: Tensor) -> tuple[Tensor, ...]:
-        """What the step returns, in tensors of its own."""
+        """The results of the step, in new tensors."""
         known = (key, *(x.shape for x in inputs))
-        if known not in self.recordings:  # the first time runs as it is: libraries then make what they make only once
+        if known not in self.recordings:  # libraries allocate at the first run, which cannot be recorded
             self.recordings[known] = None
             return self.step(key, *inputs)
         recording = self.recordings[known] or self._record(key, inputs)
@@ -51,7 +52,7 @@ class Replayed:
         return tuple(output.clone() for output in recording.outputs)
 
     def _record(self, key: Hashable, inputs: tuple[Tensor, ...]) -> _Recording:
-        """Note all operations of the step, without doing them. All graphs share the memory of what passes."""
+        """Record all operations of the step. All graphs share the memory of intermediate results."""
         if self.pool is None:
             self.pool = torch.cuda.graph_pool_handle()
         places = tuple(x.clone() for x in inputs)

@@ -1,53 +1,52 @@
-"""Training a whole ensemble at once: every member its own start and its own order of examples."""
+"""Training a whole ensemble at once: every member has its own start and its own order of examples."""
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import islice
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import torch
 from pydantic import Field
 from torch import Tensor
-from torch.nn.functional import binary_cross_entropy_with_logits
-from torch.nn.utils import parameters_to_vector
 
+from apf.models.batches import Group, batches, groups
 from apf.models.examples import Examples
-from apf.models.layers import EnsembleNetwork
-from apf.models.optimiser import AdamW
+from apf.models.passes import Passes
 from apf.models.replay import Replayed, Step
+from apf.models.updates import Updates, cross_entropy, validation_loss
 from apf.settings import Count, CountOrNone, Many, Number, settings
 
 CHECK = 50
-"""Updates between two looks at the validation loss."""
+"""Updates from one check of the losses to the next."""
 
 
 @settings
 class Training:
     """How the members are fitted: binary cross-entropy, AdamW, a running mean of the weights.
 
-    The few plans of a validation set, chosen because they are uncertain, say little about when to stop: members that
-    they stop are underfitted, and lack what these plans teach. So members train for a fixed time on all that is
-    labelled; weight decay and the running mean keep them from overfitting.
+    A validation set here is small, and its plans were chosen because they are uncertain. So its loss says little about
+    when to stop: members that stop early are underfitted, and have not learned from the validation plans. Members
+    therefore train for a fixed number of updates on all labelled plans. Weight decay and the running mean keep them
+    from overfitting.
     """
 
     learning_rate: Annotated[Number, Field(gt=0, le=10)] = 1e-2
     warmup: CountOrNone = 100
-    """Updates during which the learning rate rises to that. With large first steps some members die: their units fall
-    silent, and they say the same of every plan."""
+    """Updates during which the learning rate rises to its value. Large first steps make some members die: the output of
+    their units is 0 for every plan."""
     weight_decay: Annotated[Number, Field(ge=0, le=1000000000.0)] = 40
-    """An update takes learning_rate x weight_decay / labelled plans of each weight: like a prior, it counts for less
-    the more there is to learn from."""
+    """An update subtracts the share learning_rate x weight_decay / labelled plans of each weight. Like a prior, it
+    counts for less with more labelled plans."""
     batch: Many = 64
-    """Labels in a batch of one member, about: a batch holds plans of one length."""
+    """Approximate number of labels in a batch of one member. All plans of a batch have one length."""
     updates: Count = 1000
     averaging: Annotated[Number, Field(ge=0, lt=1)] = 0.99
-    """Share of the running mean of weights that an update leaves as it was; 0: no mean."""
+    """Share of the running mean of the weights that an update keeps; 0: no mean."""
     early_stopping: bool = False
     """Hold out the validation plans, and keep each member's weights of their lowest loss (Section Learning)?"""
     patience: Count | None = None
-    """Updates after the last of these lowest losses, of whichever member, until such a training ends; None: all."""
+    """Early stopping ends the training so many updates after the last lowest loss of any member; None: never."""
 
     def rates(self) -> list[tuple[float, float]]:
         """For each update the learning rate, and the share of the new weights in the running mean."""
@@ -62,9 +61,11 @@ class Training:
 
 @dataclass(frozen=True)
 class History:
-    """What a fit did, at C checks: mean losses per label [C, E], of training since the check before.
+    """The losses of E members at C checks.
 
-    validation_loss: NaN without a validation set. kept: [E], the check whose weights each member ended with.
+    train_loss: [C, E] mean over the labels since the check before.
+    validation_loss: [C, E] mean over all labels of the validation set; NaN without one.
+    kept: [E] the check whose weights each member ended with.
     """
 
     train_loss: np.ndarray
@@ -79,95 +80,99 @@ class History:
         return {name: mean for name, mean in means.items() if np.isfinite(mean)}
 
 
-Group = tuple[Tensor, Tensor]
-"""Features x [M, K, F] and labels y [M, P] of one length."""
-
-Rates = Sequence[float] | Tensor
-"""Of an update: the learning rate, and the share of the new weights in the running mean."""
-
-
 def fit(
-    network: EnsembleNetwork,
+    passes: Passes,
     train: Sequence[Examples],
     validation: Sequence[Examples],
     training: Training,
-    generators: list[torch.Generator],
-    turns: torch.Generator,
+    generators: Sequence[torch.Generator],
+    length_generator: torch.Generator,
     plans: int,
 ) -> History:
-    """Train the network in place, each member on batches of its own.
+    """Train a network in place, each member on batches of its own.
 
-    plans: how many labelled plans the training examples are views of.
-    validation: to choose by which weights to keep; if empty, the last are kept.
-    generators: one per member, for the order of its examples. turns: for the order of lengths. All on the CPU.
-    Raises FloatingPointError if a loss is not finite.
+    Args:
+        passes: of the network.
+        train: training examples, one group for each length.
+        validation: examples whose loss decides which weights are kept; if empty, the last weights are kept.
+        training: the settings.
+        generators: one per member, for the order of its examples; on the CPU.
+        length_generator: for the order of lengths, which all members share; on the CPU.
+        plans: how many labelled plans the training examples are views of.
+
+    Returns:
+        The losses, and which weights were kept.
+
+    Raises:
+        FloatingPointError: a loss is not finite.
     """
-    device = next(network.parameters()).device
-    train_groups, validation_groups = (_to_device(part, device) for part in (train, validation))
-    updates = Updates(network, train_groups, training.weight_decay / plans)
-    step: Step = updates.step
-    rates: Sequence[Rates] | Tensor = training.rates()
-    if device.type == "cuda" and network.replayable:
-        step, rates = Replayed(step), torch.tensor(rates, device=device)
+    device = passes.parameters[0].device
+    train_groups, validation_groups = groups(train, device), groups(validation, device)
+    updates = Updates(passes, train_groups, training.weight_decay / plans)
     kept = KeptWeights(updates.mean, len(generators))
-    losses: list[np.ndarray] = []
-    answers: list[tuple[Tensor, ...]] = []  # logits and labels [E, B, P] since the last check
-    sizes = [(len(y), y.shape[1]) for _, y in train_groups]
-    batches = _batches(sizes, training.batch, generators, turns, device)
-    for update, (group, rows) in enumerate(islice(batches, training.updates), 1):
-        answers.append(step(group, rows, rates[update - 1]))
+    losses = Losses(len(generators))
+    step, rates = _step(updates, training)
+    labels = [(len(y), y.shape[1]) for _, y in train_groups]
+    drawn = batches(labels, training.batch, generators, length_generator, device)
+    for update, (group, rows) in enumerate(islice(drawn, training.updates), 1):
+        losses.collect(*step(group, rows, rates[update - 1]))
         if update % CHECK == 0 or update == training.updates:
-            loss = np.full((2, len(generators)), np.nan, np.float32)
-            logits, labels = (torch.cat([part.flatten(1) for part in parts], 1) for parts in zip(*answers, strict=True))
-            answers.clear()
-            loss[0] = _loss(logits, labels).mean(1).numpy(force=True)
-            if validation:
-                with updates.with_mean():
-                    loss[1] = validation_loss(network, validation_groups).numpy(force=True)
-            decisive = loss[1 if validation else 0]
-            if not np.isfinite(decisive).all():
-                worst = decisive[~np.isfinite(decisive)][0]
-                raise FloatingPointError(f"a loss is {worst} after {update} updates")
-            kept.consider(network.split, updates.mean, decisive if validation else None, len(losses))
-            losses.append(loss)
-            since_lowest = CHECK * (len(losses) - 1 - int(kept.check.max()))
-            if training.patience and since_lowest >= training.patience:
+            decisive = losses.check(update, updates, validation_groups)
+            kept.consider(passes.network.split, updates.mean, decisive if validation else None)
+            if training.patience and CHECK * kept.checks_since_lowest >= training.patience:
                 break
-    network.use(kept.weights)
-    train_losses, validation_losses = np.stack(losses, 1)
+    passes.network.use(kept.weights)
+    train_losses, validation_losses = np.stack(losses.checks, 1)
     return History(train_losses, validation_losses, kept.check)
 
 
-class Updates:
-    """The weights of all members as they are trained, and their running mean: two vectors that stay where they are."""
+def _step(updates: Updates, training: Training) -> tuple[Step, Sequence[Any] | Tensor]:
+    """What makes an update, and the rates of each update. A GPU replays updates, with rates that lie on the GPU."""
+    device = updates.weights.device
+    if device.type == "cuda" and updates.passes.replayable:
+        return Replayed(updates.step), torch.tensor(training.rates(), device=device)
+    return updates.step, training.rates()
 
-    def __init__(self, network: EnsembleNetwork, groups: Sequence[Group], weight_decay: float) -> None:
-        self.weights = parameters_to_vector(network.parameters()).detach()
-        self.mean = self.weights.clone()
-        network.use(self.weights)
-        self.sources = [(network.batcher(x, _whole(x, y)), y) for x, y in groups]
-        self.vjp = network.vjp()
-        self.optimiser = AdamW(network.split(self.weights), weight_decay)
 
-    def step(self, group: int, rows: Tensor, rates: Rates) -> tuple[Tensor, Tensor]:
-        """Move each member's weights by its examples, rows [E, B] of a group: logits and labels [E, B, P]."""
-        prepare, y = self.sources[group]
-        learning_rate, share = rates
-        labels = y.index_select(0, rows.view(-1)).view(*rows.shape, -1)
-        logits, backward = self.vjp(prepare(rows))
-        # of each member's mean cross-entropy
-        gradients = backward((logits.sigmoid() - labels).mul_(len(rows) / labels.numel()))
-        self.optimiser.step(gradients, learning_rate)
-        self.mean.lerp_(self.weights, share)
-        return logits, labels
+class Losses:
+    """The losses of E members: collected from update to update, and noted at each check."""
 
-    @contextmanager
-    def with_mean(self) -> Iterator[None]:
-        """The running mean in place of the weights, for a while."""
-        own = self.weights.clone()
-        self.weights.copy_(self.mean)
-        yield
-        self.weights.copy_(own)
+    def __init__(self, members: int) -> None:
+        self.members = members
+        self.checks: list[np.ndarray] = []
+        """[2, E] training and validation loss at each check."""
+        self._answers: list[tuple[Tensor, Tensor]] = []
+
+    def collect(self, logits: Tensor, labels: Tensor) -> None:
+        """Keep the logits and labels [E, B, P] of an update until the next check: a GPU then need not be waited for."""
+        self._answers.append((logits, labels))
+
+    def check(self, update: int, updates: Updates, validation: Sequence[Group]) -> np.ndarray:
+        """Note the losses.
+
+        Args:
+            update: the number of updates so far.
+            updates: the weights, whose running mean is validated.
+            validation: the validation set; may be empty.
+
+        Returns:
+            [E] the validation loss, or the training loss if there is no validation set.
+
+        Raises:
+            FloatingPointError: that loss is not finite.
+        """
+        loss = np.full((2, self.members), np.nan, np.float32)
+        logits, labels = (torch.cat([x.flatten(1) for x in part], 1) for part in zip(*self._answers, strict=True))
+        self._answers.clear()
+        loss[0] = cross_entropy(logits, labels).mean(1).numpy(force=True)
+        if validation:
+            with updates.with_mean():
+                loss[1] = validation_loss(updates.passes, validation).numpy(force=True)
+        decisive = loss[1 if validation else 0]
+        if not np.isfinite(decisive).all():
+            raise FloatingPointError(f"a loss is {decisive[~np.isfinite(decisive)][0]} after {update} updates")
+        self.checks.append(loss)
+        return decisive
 
 
 class KeptWeights:
@@ -177,70 +182,27 @@ class KeptWeights:
         self.weights = torch.empty_like(weights)
         self.lowest = np.full(members, np.inf)
         self.check = np.zeros(members, int)
-        """[E] when they were."""
+        """[E] the check that these weights are from."""
+        self.checks = 0
 
-    def consider(
-        self, split: Callable[[Tensor], list[Tensor]], weights: Tensor, loss: np.ndarray | None, check: int
-    ) -> None:
-        """Take the weights of this check for the members [E] whose loss is their lowest; None: for all.
+    @property
+    def checks_since_lowest(self) -> int:
+        """Checks since the last one whose weights were kept for any member."""
+        return self.checks - 1 - int(self.check.max())
 
-        split: gives the parts of a vector of weights, each with axis E first.
+    def consider(self, split: Callable[[Tensor], list[Tensor]], weights: Tensor, loss: np.ndarray | None) -> None:
+        """Keep the weights of this check for the members whose loss is their lowest.
+
+        Args:
+            split: gives the parts of a vector of weights, each with axis E first.
+            weights: the vector of all weights.
+            loss: [E] validation loss; None: keep the weights of all members.
         """
         better = np.ones(len(self.check), bool) if loss is None else loss < self.lowest
         if loss is not None:
             self.lowest[better] = loss[better]
-        self.check[better] = check
+        self.check[better] = self.checks
+        self.checks += 1
         members = torch.from_numpy(np.flatnonzero(better)).to(weights.device)
         for ours, theirs in zip(split(self.weights), split(weights), strict=True):
             ours.index_copy_(0, members, theirs.index_select(0, members))
-
-
-@torch.inference_mode()
-def validation_loss(network: EnsembleNetwork, groups: Sequence[Group]) -> Tensor:
-    """[E] mean binary cross-entropy over all labels of the groups."""
-    losses = (_loss(network.logits_of(network.prepare(x[None], _whole(x, y))), y) for x, y in groups)
-    total = sum(loss.sum((1, 2)) for loss in losses)
-    return torch.as_tensor(total) / sum(y.numel() for _, y in groups)
-
-
-def _batches(
-    sizes: Sequence[tuple[int, int]],
-    batch: int,
-    generators: list[torch.Generator],
-    turns: torch.Generator,
-    device: torch.device,
-) -> Iterator[tuple[int, Tensor]]:
-    """Batches without end, epoch after epoch: the number of a group, and rows [E, B] of it on the device.
-
-    sizes: of each group, how many examples, and how many labels each of them has.
-
-    A batch holds about `batch` labels of plans of one length, which makes few and large products. Which length is next
-    is the same for all members, so that they have arrays of one shape; the plans are each member's own.
-    """
-    while True:
-        epoch = []
-        for group, (examples, labels) in enumerate(sizes):
-            order = torch.stack([torch.randperm(examples, generator=g) for g in generators]).to(device)
-            parts = order.tensor_split(batches_of(examples, labels, batch), dim=1)
-            epoch += [(group, part.contiguous()) for part in parts]
-        for i in torch.randperm(len(epoch), generator=turns).tolist():
-            yield epoch[i]
-
-
-def batches_of(examples: int, labels: int, batch: int) -> int:
-    """Into how many batches of about `batch` labels an epoch divides examples of so many labels each."""
-    return max(1, min(examples, round(examples * labels / batch)))
-
-
-def _loss(logits: Tensor, y: Tensor) -> Tensor:
-    """Binary cross-entropy of each label, as logits; y may lack the first axis, if it is the same for all members."""
-    return binary_cross_entropy_with_logits(logits, y.expand_as(logits), reduction="none")
-
-
-def _whole(x: Tensor, y: Tensor) -> bool:
-    """Have plans x [M, K, F] a label each, y [M, 1], and not one for every prefix of two and more, [M, K - 1]?"""
-    return y.shape[1] < x.shape[1] - 1
-
-
-def _to_device(examples: Sequence[Examples], device: torch.device) -> list[Group]:
-    return [(torch.from_numpy(e.x).to(device), torch.from_numpy(e.y).to(device)) for e in examples]

@@ -93,7 +93,7 @@ def test_the_defaults_are_those_of_the_paper() -> None:
     assert (cfg.acquisition.plans, cfg.acquisition.validation) == (10, 2)
     assert cfg.model._target_ == "apf.models.EnsembleSettings"
     assert cfg.model.members == 10
-    assert cfg.model.network._target_ == "apf.models.TowersGraphNetwork"
+    assert cfg.model.network._target_ == "apf.models.TGN"
     assert cfg.model.network.hidden == 64
     assert cfg.sampler.score._target_ == "apf.acquisition.ExpectedBald"
     assert cfg.sampler.candidates.n == 10_000

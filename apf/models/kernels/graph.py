@@ -1,0 +1,121 @@
+"""The passes of TGN and FCGN written out."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import torch
+from torch import Tensor, baddbmm, bmm, cat
+
+from apf.models.kernels.readout import readout_vjp, relu_backward
+from apf.models.kernels.shared import SharedGraph, shared_graph
+from apf.models.passes import Backward, Passes
+
+if TYPE_CHECKING:
+    from apf.models.graph import GraphNetwork
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """The inputs of the layers for N plans, side by side for each edge and node.
+
+    E is 1 where all members see the same plans. D of the F features are a position.
+
+    pairs: [E, A x N, 2 (F - D) + D] features of source and target, position of the source relative to the target.
+    nodes: [E, V x N, F - D + 2] features of the placement, 1, the number of messages that the node receives.
+    """
+
+    graph: SharedGraph
+    plans: int
+    pairs: Tensor
+    nodes: Tensor
+
+
+class GraphKernel(Passes):
+    """One pass for all prefixes, in which each message is computed once.
+
+    The last layer of a message is linear, and the update begins with a linear layer. So both act as one product, after
+    the sum: sum_j (h_j W + b) = (sum_j h_j) W + n b for n messages.
+    """
+
+    replayable = True
+    network: "GraphNetwork"
+
+    def prepare(self, x: Tensor, last_only: bool = False) -> Prepared:
+        """As `Passes.prepare`."""
+        e, n, k, _ = x.shape
+        x = x.transpose(1, 2).contiguous()
+        graph = shared_graph(k, self.network.both_ways, last_only, x.device)
+        own, position = x.split(self.network.sizes, -1)
+        source, target = graph.edge_index
+        relative = position.index_select(1, source) - position.index_select(1, target)
+        pairs = cat([own.index_select(1, source), own.index_select(1, target), relative], -1)
+        number = graph.n_received.expand(e, -1, n, 1)
+        nodes = cat([own.index_select(1, graph.placement), torch.ones_like(number), number], -1)
+        return Prepared(graph, n, pairs.flatten(1, 2), nodes.flatten(1, 2))
+
+    def batcher(self, x: Tensor, last_only: bool = False) -> Callable[[Tensor], Prepared]:
+        """As `Passes.batcher`: the inputs of each example lie in one row, so that a batch is one gather."""
+        prepared = self.prepare(x[None], last_only)
+        parts = [part.view(-1, len(x), part.shape[2]).transpose(0, 1) for part in (prepared.pairs, prepared.nodes)]
+        by_plan = cat([part.flatten(1) for part in parts], 1)
+        (_, pairs, of_pair), (_, nodes, of_node) = (part.shape for part in parts)
+        width = by_plan.shape[1]
+
+        def batch(rows: Tensor) -> Prepared:
+            e, n = rows.shape
+            drawn = by_plan.index_select(0, rows.flatten())
+
+            def side_by_side(start: int, count: int, features: int) -> Tensor:
+                shape, strides = (e, count, n, features), (n * width, features, width, 1)
+                return drawn.as_strided(shape, strides, start).flatten(1, 2)
+
+            of_pairs, of_nodes = side_by_side(0, pairs, of_pair), side_by_side(pairs * of_pair, nodes, of_node)
+            return Prepared(prepared.graph, n, of_pairs, of_nodes)
+
+        return batch
+
+    def logits(self, prepared: Prepared) -> Tensor:
+        """As `Passes.logits`."""
+        return self._passes(prepared, learn=False)[0]
+
+    def vjp(self, prepared: Prepared) -> tuple[Tensor, Backward]:
+        """As `Passes.vjp`."""
+        return self._passes(prepared, learn=True)
+
+    @torch.inference_mode()
+    def _passes(self, prepared: Prepared, learn: bool) -> tuple[Tensor, Backward]:
+        """Logits and the way back; `learn`: keep what the way back needs."""
+        graph, members = prepared.graph, len(self.parameters[0])
+        pairs, nodes = (x.expand(members, -1, -1) for x in (prepared.pairs, prepared.nodes))
+        first, first_bias, second, second_bias, third, third_bias, update, update_bias, *readout = self.parameters
+        n_hidden = second.shape[2]
+        of_messages, of_own = update.split([n_hidden, update.shape[1] - n_hidden], 1)
+        last = cat([third, third_bias], 1)  # the message's last layer, for the sum and the number of messages
+        of_sum, of_number = bmm(last, of_messages).split([n_hidden, 1], 1)
+        h1 = baddbmm(first_bias, pairs, first).relu_()
+        h2 = baddbmm(second_bias, h1, second).relu_()
+        sums = graph.aggregate(h2.clone() if learn else h2)
+        h3 = bmm(nodes, cat([of_own, update_bias, of_number], 1))
+        h3[:, : sums.shape[1]].baddbmm_(sums, of_sum)
+        h3.relu_()
+        logits, readout_backward = readout_vjp(graph.means(h3), readout, prepared.plans)
+
+        @torch.inference_mode()
+        def backward(gradient: Tensor) -> list[Tensor]:
+            """`g` is the gradient of one layer's output after another's."""
+            g, readout_gradients = readout_backward(gradient)
+            g = relu_backward(graph.means_vjp(g), h3)
+            own_gradient, update_bias_gradient, of_number = bmm(nodes.mT, g).split([of_own.shape[1], 1, 1], 1)
+            g = g[:, : sums.shape[1]]
+            of_product = cat([bmm(sums.mT, g), of_number], 1)
+            third_gradients = bmm(of_product, of_messages.mT).split([n_hidden, 1], 1)
+            update_gradient = cat([bmm(last.mT, of_product), own_gradient], 1)
+            g = relu_backward(graph.aggregate_vjp(bmm(g, of_sum.mT)), h2)
+            second_gradients = [bmm(h1.mT, g), g.sum(1, keepdim=True)]
+            g = relu_backward(bmm(g, second.mT), h1)
+            first_gradients = [bmm(pairs.mT, g), g.sum(1, keepdim=True)]
+            message_gradients = [*first_gradients, *second_gradients, *third_gradients]
+            return [*message_gradients, update_gradient, update_bias_gradient, *readout_gradients]
+
+        return logits, backward
