@@ -3,7 +3,6 @@
 import math
 from collections.abc import Iterator
 from dataclasses import is_dataclass
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +27,6 @@ ON_PURPOSE = {("BoxSource", "seed"), ("BlockSource", "seed"), ("BoxSource", "pre
 """Training and evaluation have different sets."""
 
 
-@cache
 def composed(*overrides: str) -> dict[str, Any]:
     with initialize_config_dir(config_dir(), version_base="1.3"):
         return OmegaConf.to_container(compose("config", [*overrides]), resolve=True)  # type: ignore[return-value]
@@ -65,6 +63,8 @@ def same(one: Any, other: Any) -> bool:
 @pytest.mark.parametrize("overrides", CHOICES, ids=" ".join)
 def test_defaults_agree(overrides: list[str]) -> None:
     config = composed(*overrides)
+    if "world=panda" in overrides:  # which brings blocks that the robot can hold
+        config.pop("domain")
     found = [*pairs(config), *pairs(config["training"], Training)]
     differing = [
         f"{name}.{key}: {value!r} in YAML, {default!r} in code"
