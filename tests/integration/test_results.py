@@ -23,6 +23,9 @@ ANALYSES = {
         "--until",
         "400",
     ),
+    "packing/regret.csv": ("plot_regret.py", "packing/runs", "--out", "packing/regret"),
+    "packing/accuracy.csv": ("plot_accuracy.py", "packing/runs", "--out", "packing/accuracy"),
+    "packing/regret_table.csv": ("table_regret.py", "packing/runs", "--out", "packing/regret_table.csv"),
     "early_stopping_table.csv": ("table_regret.py", "trials/early_stopping", "--out", "early_stopping_table.csv"),
 }
 """By the file that it writes: a script, patterns of folders of `results`, and options."""
