@@ -28,7 +28,13 @@ class Lengths:
         return self
 
     def draw(self, n: int, domain: Domain, rng: np.random.Generator) -> list[Any]:
-        """n random plans, one batch per length, divided as evenly as can be."""
+        """Random plans: one batch per length, of as equal sizes as possible.
+
+        Args:
+            n: How many plans.
+            domain: Of the plans.
+            rng: The source of all draws.
+        """
         lengths = range(self.min, self.max + 1)
         shares = np.array_split(np.arange(n), len(lengths))
         return [domain.random_plans(k, len(part), rng) for k, part in zip(lengths, shares, strict=True) if len(part)]
@@ -46,11 +52,25 @@ class Candidates(ABC):
     def best(
         self, n: int, score: ScoreOf, domain: Domain, data: Sequence[Labelled], rng: np.random.Generator
     ) -> list[Scored]:
-        """The n best plans found, best first. data: all that was labelled so far."""
+        """The best plans found, best first.
+
+        Args:
+            n: How many plans.
+            score: Plans of one length -> [N] scores.
+            domain: Of the plans.
+            data: All plans that were labelled so far.
+            rng: The source of all draws.
+        """
 
 
 def top(n: int, pools: Sequence[Any], score: ScoreOf) -> list[Scored]:
-    """The n plans of highest score among all pools, best first; ties go to the earlier plan."""
+    """The plans of highest score among all pools, best first; ties go to the earlier plan.
+
+    Args:
+        n: How many plans.
+        pools: Batches of plans, each of one length.
+        score: Plans of one length -> [N] scores.
+    """
     scores = [score(pool) for pool in pools]
     pool_of = np.repeat(np.arange(len(pools)), [len(s) for s in scores])
     row_of = np.concatenate([np.arange(len(s)) for s in scores])
@@ -68,11 +88,13 @@ class RandomPlans(Candidates):
 
     @property
     def max_length(self) -> int:
+        """As `Candidates.max_length`."""
         return self.lengths.max
 
     def best(
         self, n: int, score: ScoreOf, domain: Domain, data: Sequence[Labelled], rng: np.random.Generator
     ) -> list[Scored]:
+        """As `Candidates.best`."""
         return top(n, self.lengths.draw(max(n, self.n), domain, rng), score)
 
 
@@ -81,7 +103,7 @@ class GreedyExtensions(Candidates):
     """Plans built one placement at a time, each the best next one given that all before it are in place.
 
     The search starts from the best two-placement plans. Every plan then gets its share of `n` random next placements
-    and keeps the one of highest score, with no regard to whether what it builds on would stand.
+    and keeps the one of highest score, whether or not the plan up to there is feasible.
     """
 
     n: Many
@@ -89,11 +111,13 @@ class GreedyExtensions(Candidates):
 
     @property
     def max_length(self) -> int:
+        """As `Candidates.max_length`."""
         return self.longest
 
     def best(
         self, n: int, score: ScoreOf, domain: Domain, data: Sequence[Labelled], rng: np.random.Generator
     ) -> list[Scored]:
+        """As `Candidates.best`."""
         found = top(n, [domain.random_plans(2, max(n, self.n), rng)], score)
         branches = max(1, self.n // n)
         for _ in range(2, self.longest):
@@ -108,7 +132,7 @@ class GreedyExtensions(Candidates):
 
 @settings
 class FeasiblePrefixExtensions(Candidates):
-    """One random placement on top of a prefix that was seen to stand: (a_1..a_n-1, phi = 1) in D.
+    """One random placement after a prefix that was seen to succeed: (a_1..a_n-1, phi = 1) in D.
 
     A single placement succeeds by assumption, so new plans can begin. Each length gets the same share of the `n`
     candidates, as far as the data hold prefixes of it.
@@ -119,11 +143,13 @@ class FeasiblePrefixExtensions(Candidates):
 
     @property
     def max_length(self) -> int:
+        """As `Candidates.max_length`."""
         return self.longest
 
     def best(
         self, n: int, score: ScoreOf, domain: Domain, data: Sequence[Labelled], rng: np.random.Generator
     ) -> list[Scored]:
+        """As `Candidates.best`."""
         bases = {1: domain.random_plans(1, max(n, self.n), rng)}
         for length in range(2, self.longest):
             stood = [g.plans[g.labels[:, length - 1] == 1].prefix(length) for g in data if g.plans.length >= length]

@@ -35,14 +35,28 @@ class Sampler:
         return max(self.candidates.max_length, self.initial.max)
 
     def start(self, domain: Domain, n: int, rng: np.random.Generator) -> list[Scored]:
-        """n initial plans, shortest first. They have no score (NaN)."""
+        """Initial plans, the shortest first. Initial plans have no score (NaN).
+
+        Args:
+            domain: Of the plans.
+            n: How many plans.
+            rng: The source of all draws.
+        """
         batches = self.initial.draw(n, domain, rng)
         return [Scored(batch[i : i + 1], float("nan")) for batch in batches for i in range(len(batch))]
 
     def propose(
         self, model: Model, domain: Domain, data: Sequence[Labelled], n: int, rng: np.random.Generator
     ) -> list[Scored]:
-        """The n most informative plans found, best first."""
+        """The most informative plans found, best first.
+
+        Args:
+            model: Says what each member predicts of plans.
+            domain: Of the plans.
+            data: All plans that were labelled so far.
+            n: How many plans.
+            rng: The source of all draws.
+        """
         score = partial(_score, self.score, model, rng)
         return self.candidates.best(n, score, domain, data, rng)
 

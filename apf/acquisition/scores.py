@@ -38,6 +38,7 @@ class Bald(Score):
     """BALD of the last outcome: of the whole plan under Theta_comp, of the last prefix under Theta_ss."""
 
     def __call__(self, model: Model, plans: Any, rng: np.random.Generator) -> np.ndarray:
+        """As `Score.__call__`."""
         return _in_chunks(lambda p: bald(p[..., -1]), model, plans)
 
 
@@ -46,6 +47,7 @@ class ExpectedBald(Score):
     """BALD summed over all prefixes, each weighted by the chance that it is attempted (Theta_ss only)."""
 
     def __call__(self, model: Model, plans: Any, rng: np.random.Generator) -> np.ndarray:
+        """As `Score.__call__`."""
         return _in_chunks(expected_bald, model, plans)
 
 
@@ -56,6 +58,7 @@ class Random(Score):
     asks_model = False
 
     def __call__(self, model: Model, plans: Any, rng: np.random.Generator) -> np.ndarray:
+        """As `Score.__call__`."""
         return rng.random(len(plans))
 
 

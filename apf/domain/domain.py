@@ -64,7 +64,13 @@ class Domain(ABC):
 
     @abstractmethod
     def random_plans(self, length: int, n: int, rng: np.random.Generator) -> Any:
-        """n random plans of `length` placements, of the objects of the experiment."""
+        """Random plans of the objects of the experiment.
+
+        Args:
+            length: Placements of each plan.
+            n: How many plans.
+            rng: The source of all draws.
+        """
 
     @abstractmethod
     def extend(self, plans: Any, rng: np.random.Generator) -> Any:
@@ -97,14 +103,28 @@ class Domain(ABC):
 
     @abstractmethod
     def problem(self, length: int, candidates: int, rng: np.random.Generator) -> Any:
-        """A planning problem: so many random plans of `length` placements.
+        """A planning problem: random plans, the candidates of a planner.
 
-        The objects of the evaluation that the problem is about are drawn first: all of its plans are made of these.
+        Some objects of the evaluation are drawn first; all candidates are made of these.
+
+        Args:
+            length: Placements of each plan.
+            candidates: How many plans.
+            rng: The source of all draws.
         """
 
     @abstractmethod
     def balanced(self, length: int, n: int, rng: np.random.Generator) -> tuple[Any, np.ndarray]:
-        """n plans of objects of the evaluation, and whether each is feasible [n] bool: half of them are."""
+        """A balanced test set, of objects of the evaluation.
+
+        Args:
+            length: Placements of each plan.
+            n: How many plans.
+            rng: The source of all draws.
+
+        Returns:
+            The plans, and whether each is feasible [n] bool; half of the plans are.
+        """
 
     # -- on disk ------------------------------------------------------------------------------------------------
 

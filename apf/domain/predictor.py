@@ -15,24 +15,26 @@ class Predictor(ABC):
     """Whose plans it judges; None: any domain's."""
 
     by_prefix: bool = False
-    """Is P the product of `last_feasibility` over prefixes? Then a planner can drop a plan for a prefix of it."""
+    """Is P the product of `last_feasibility` over prefixes? Then a planner can drop a plan because of one prefix."""
 
     random: bool = False
-    """Does it draw from `rng`? Then asking twice may give two answers, and a planner asks once."""
+    """Does the predictor draw from `rng`? Then two questions may have two answers, and a planner asks once."""
 
     members: int = 1
-    """Is P, or each factor of it, the mean of what so many members say? Then a planner can drop a plan once some of
-    them were asked, by `last_feasibility`."""
+    """P, or each of its factors, is the mean over so many members. A planner can then drop a plan after it has asked
+    some of the members, by `last_feasibility`."""
 
     together: bool = False
-    """Does it answer about many plans in about the time of a few? Then a planner asks about all of them at once."""
+    """Do many plans take about as long as a few? Then a planner asks about all plans at once."""
 
     @abstractmethod
     def feasibility(self, plans: Any, rng: np.random.Generator) -> np.ndarray:
         """[N] probability that each plan succeeds."""
 
     def last_feasibility(self, plans: Any, members: slice = slice(None)) -> np.ndarray:
-        """[N] mean over these members of the probability that the last placement succeeds, given that those before
-        it did; or that the whole plan does, unless `by_prefix`. Asked if `by_prefix`, or if there are more members.
+        """[N] mean over these members of the probability that the last placement succeeds.
+
+        With `by_prefix` this is the probability given that all placements before the last one succeeded, else that of
+        the whole plan. A planner asks for it if `by_prefix`, or if there are several members.
         """
         raise TypeError(f"{type(self).__name__} judges whole plans only")

@@ -30,11 +30,21 @@ class World(ABC):
 
     @abstractmethod
     def execute(self, plans: Any, rng: np.random.Generator) -> np.ndarray:
-        """Carry out N plans of K placements. Returns labels [N, K] int8: 1 stood, 0 fell, -1 not attempted."""
+        """Carry out N plans of K placements.
+
+        Returns:
+            [N, K] int8 labels of the prefixes: 1 succeeded, 0 failed, -1 not attempted.
+        """
 
     def attempt(self, plan: Any, rng: np.random.Generator, before: Mapping[str, Any] | None = None) -> Outcome:
-        """Carry out one plan (N = 1). `before`: the report of the one before it; a world that is left in some state
-        starts from what it says, and from nothing else, so that a run that goes on later finds what it left."""
+        """Carry out one plan.
+
+        Args:
+            plan: A batch of one plan.
+            rng: The source of all draws.
+            before: The report of the plan before this one. A world that keeps a state from plan to plan starts from
+                this report alone, so that a run that goes on later starts from the same state.
+        """
         labels = np.asarray(self.execute(plan, rng))
         return Outcome(labels[0] if len(labels) == 1 else labels)
 

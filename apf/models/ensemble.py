@@ -119,8 +119,9 @@ class Ensemble(Predictor):
         return _mean(p).prod(1)
 
     def last_feasibility(self, plans: Any, members: slice = slice(None)) -> np.ndarray:
-        """[N] mean over these members: probability that the last placement succeeds, given that those before it did
-        (Theta_ss), or that the whole plan does (Theta_comp).
+        """[N] mean over these members of the probability that the last placement succeeds.
+
+        Under Theta_ss given that all placements before the last one succeeded; under Theta_comp that of the whole plan.
         """
         p = self._predict(plans, last_only=True, members=members, odds=self.odds)
         return _mean(p)[:, 0]

@@ -33,6 +33,7 @@ class Builder:
 
     @property
     def names(self) -> tuple[str, ...]:
+        """[B] names of the blocks."""
         return self.robot.planner.blocks.name
 
     @property

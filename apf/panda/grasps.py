@@ -31,8 +31,11 @@ class Gripper:
 
 @dataclass(frozen=True, eq=False)
 class Grasp:
-    """pose: [4, 4] grasp target in the block's frame: z is the approach, the fingers close along y. width: the side [m]
-    between the fingers. offset: how far from the middle of the block along the third axis [m]."""
+    """A grasp of a block.
+
+    pose: [4, 4] grasp target in the block's frame: z is the approach, the fingers close along y. width: the side [m]
+    between the fingers. offset: how far from the middle of the block along the third axis [m].
+    """
 
     pose: np.ndarray
     width: float

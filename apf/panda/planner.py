@@ -154,8 +154,10 @@ class Planner:
         return None
 
     def _cost(self, where: np.ndarray, grasps: list[Grasp]) -> np.ndarray:
-        """[G] how unlike a hand pointing straight down at the block's middle, the fingers with room to open; infinite
-        where it tilts too far."""
+        """[G] cost of each grasp: 0 if the hand points straight down at the block's middle, and its fingers have room.
+
+        Infinite where the hand tilts too far.
+        """
         tilt = tilts(where, grasps)
         others = np.array([10 * abs(grasp.offset) + 20 * max(0.0, grasp.width - ROOMY) for grasp in grasps])
         return np.where(tilt <= np.deg2rad(self.reach.tilt) + 1e-9, tilt**2 + others, np.inf)

@@ -93,8 +93,10 @@ def gather(runs: Sequence[Run], name: str) -> pd.DataFrame:
 
 
 def _owner(group: str) -> str:
-    """The config key that a group fills: `model` for model, `evaluation.worlds.noisy` for
-    world@evaluation.worlds.noisy."""
+    """The config key that a group fills.
+
+    `model` for model, `evaluation.worlds.noisy` for world@evaluation.worlds.noisy.
+    """
     return group.rpartition("@")[2]
 
 

@@ -144,8 +144,10 @@ def _add(option: str, node: dict[str, Any], package: str, group: str) -> None:
 
 
 def as_literal(node: Any) -> Any:
-    """Plain containers and values as OmegaConf has to see them to give them back as they are: no text refers to
-    anything."""
+    """Plain containers and values, escaped so that OmegaConf gives them back as they are.
+
+    No text of them refers to anything.
+    """
     if isinstance(node, dict):
         return {name: as_literal(value) for name, value in node.items()}
     if isinstance(node, list):

@@ -38,11 +38,11 @@ the rows that are written then stay in proportion to those of its last tables.""
 
 @dataclass
 class Proposal:
-    """What is known of a proposed plan. labels: None until it is executed. score: None for initial plans.
-    report: what the world told of its execution, beside the labels, if anything.
+    """A plan that was proposed, and what is known of it.
 
-    corrected: its labels are not those first recorded. outdated: it was chosen by a model that had learned from a
-    label corrected since.
+    labels: None until the plan is executed. score: None for initial plans. report: what the world told of the
+    execution besides the labels, if anything. corrected: the labels are not those first recorded. outdated: the model
+    that chose the plan had learned from a label that was corrected since.
     """
 
     number: int

@@ -70,11 +70,14 @@ class Tracker(ABC):
 class NoTracker(Tracker):
     """Mirrors nothing."""
 
-    def start(self, run: RunInfo) -> None: ...
+    def start(self, run: RunInfo) -> None:
+        """As `Tracker.start`."""
 
-    def log(self, figures: Figures) -> None: ...
+    def log(self, figures: Figures) -> None:
+        """As `Tracker.log`."""
 
-    def finish(self, failed: bool) -> None: ...
+    def finish(self, failed: bool) -> None:
+        """As `Tracker.finish`."""
 
 
 class Trackers(Tracker):

@@ -118,7 +118,7 @@ def test_the_time_before_a_stop_counts(stopped: Path) -> None:
 
 
 def test_a_loss_that_is_not_finite(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(training, "_loss", lambda logits, y: torch.full_like(logits, torch.inf))
+    monkeypatch.setattr(training, "cross_entropy", lambda logits, y: torch.full_like(logits, torch.inf))
     result = call(*TINY, "hydra.run.dir=run")
     assert result.code == 1
     for word in ("error: training diverged", "training.learning_rate", f"resume={here / 'run'}"):

@@ -8,7 +8,15 @@ from apf.panda import PandaWorld
 from apf.panda.grasps import FINGERTIP, Gripper, grasps_of
 from apf.panda.layout import Layout
 from apf.panda.stations import tilts
-from apf.towers import BlockSet, Towers
+from apf.towers import BlockSet, TowerDomain, Towers
+
+
+def domain_of(blocks: BlockSet) -> TowerDomain:
+    """Towers of these blocks."""
+    domain = TowerDomain()
+    domain.__dict__["training_blocks"] = blocks
+    return domain
+
 
 GRIPPER = Gripper()
 
@@ -75,16 +83,16 @@ def test_too_many_blocks_are_refused() -> None:
     names = tuple(f"b{i}" for i in range(11))
     blocks = BlockSet(names, np.full((11, 3), 0.05), np.zeros((11, 3)), np.full(11, 0.1))
     with pytest.raises(InputError, match="11 blocks; the table has places for 10"):
-        PandaWorld().check(blocks, 2)
+        PandaWorld().check(domain_of(blocks), 2)
 
 
 def test_a_tower_that_is_too_high_is_refused() -> None:
     names = tuple(f"b{i}" for i in range(10))
     blocks = BlockSet(names, np.tile([0.05, 0.05, 0.14], (10, 1)), np.zeros((10, 3)), np.full(10, 0.1))
     world = PandaWorld()
-    world.check(blocks, 4)
+    world.check(domain_of(blocks), 4)
     with pytest.raises(InputError, match=r"0\.700 m high; over its base the arm reaches up to 0\.\d\d m"):
-        world.check(blocks, 5)
+        world.check(domain_of(blocks), 5)
 
 
 def test_a_place_off_the_table_is_refused() -> None:
