@@ -47,7 +47,13 @@ class Claim:
         return f"{self.statistic} > {self.above:g}" if self.above is not None else f"{self.statistic} < {self.below:g}"
 
     def decide(self, evidence: Evidence, draws: int, rng: np.random.Generator) -> dict[str, object]:
-        """Value, interval, number of runs, verdict and note: the columns of the table from `value` on."""
+        """Value, interval, number of runs, verdict and note: the columns of the table from `value` on.
+
+        Args:
+            evidence: What the runs say.
+            draws: Bootstrap samples.
+            rng: The source of all draws.
+        """
         runs = " + ".join(str(len(evidence.runs.get(name, ()))) for name in self.names)
         try:
             value = self.measure(evidence)

@@ -21,7 +21,14 @@ def draw(
     curves_of: Callable[[pd.DataFrame], pd.DataFrame],
     plot: Callable[[pd.DataFrame, Words], "Figure"],
 ) -> None:
-    """Draw the table `name` of all finished runs below the directories on the command line."""
+    """Draw the table `name` of all finished runs below the directories on the command line.
+
+    Args:
+        name: Of the table: regret or accuracy.
+        doc: What --help prints.
+        curves_of: Makes curves of the gathered table.
+        plot: Draws the curves.
+    """
     parser = parser_of(doc)
     parser.add_argument(
         "--out", type=Path, help=f"where to write: STEM.pdf, STEM.png, STEM.csv (default: {name} in the first DIR)"

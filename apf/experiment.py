@@ -162,7 +162,13 @@ class Experiment:
         self.tracker.log(Figures(step, Phase.LEARNED, self.store.count(until=step), losses))
 
     def evaluate(self, step: int, predictor: Predictor, save: Callable[[Path], None] | None = None) -> None:
-        """Plan and test with the predictor; `save` writes its weights, if it has any."""
+        """Plan and test with the predictor; `save` writes its weights, if it has any.
+
+        Args:
+            step: Of this step.
+            predictor: Judges plans.
+            save: Writes the predictor's weights; None: it has none.
+        """
         labelled = self.store.count(until=step)
         regret = self.evaluator.regret(predictor, step, labelled)
         accuracy = self.evaluator.accuracy(predictor, step, labelled)

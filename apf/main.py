@@ -74,7 +74,14 @@ def job(cfg: DictConfig) -> float | tuple[float, ...] | None:
 
 
 def run(directory: Path, plain_config: dict[str, Any], config: Config, model: Ensemble) -> None:
-    """Do what is missing of the run in the (locked) directory, and show it."""
+    """Do what is missing of the run in the (locked) directory, and show it.
+
+    Args:
+        directory: The run directory, locked.
+        plain_config: The config as plain values.
+        config: The same, as objects.
+        model: The untrained ensemble.
+    """
     store = Store(directory, config.domain)
     state = read_state(directory)
     console = ConsoleTracker()
@@ -126,7 +133,14 @@ def make_model(cfg: DictConfig, config: Config) -> Ensemble:
 
 
 def make_experiment(config: Config, model: Ensemble, store: Store, tracker: Tracker) -> Experiment:
-    """The loop, with all its parts."""
+    """The loop, with all its parts.
+
+    Args:
+        config: Of the run.
+        model: The untrained ensemble.
+        store: The run directory.
+        tracker: Is told what happens.
+    """
     return Experiment(
         seed=config.seed,
         plans=config.plans,

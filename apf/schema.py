@@ -70,7 +70,13 @@ def settle(cfg: DictConfig, kept: Path | None = None) -> tuple[dict[str, Any], C
 
 
 def with_values(config: Config, values: dict[str, Any], cfg: DictConfig) -> Config:
-    """The same parts with other numbers and names beside them, those of cfg. Raises InputError, naming the key."""
+    """The same parts with other numbers and names beside them, those of cfg. Raises InputError, naming the key.
+
+    Args:
+        config: The parts.
+        values: Of other keys of the root.
+        cfg: What the values come from, for messages.
+    """
     try:
         return replace(config, **values)
     except pydantic.ValidationError as error:

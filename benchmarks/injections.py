@@ -288,7 +288,7 @@ class Suite:
                 run = Run((*START, "execution.time_limit=0.5"), folder, lambda f=fail, n=number: plant_world(f, n))
                 run.wait()
                 if words:
-                    self.stopped(fault, run, *words, f"tower {number}", "resume=")
+                    self.stopped(fault, run, *words, f"plan {number}", "resume=")
                 elif run.code == 0:
                     self.report.unclear.append(f"{fault}: ended well")
                 self.resume(fault, folder, run.labels)

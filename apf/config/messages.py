@@ -21,7 +21,13 @@ def no_such_key(where: str, node: DictConfig | None) -> str:
 
 
 def describe(error: pydantic.ValidationError, key: str, cfg: DictConfig) -> str:
-    """One line on the first thing that is wrong: its key, its value, and what would be right."""
+    """One line on the first thing that is wrong: its key, its value, and what would be right.
+
+    Args:
+        error: What pydantic found.
+        key: The config key that pydantic was given; empty for the whole config.
+        cfg: The config.
+    """
     first = error.errors()[0]
     where = location(first["loc"], key, cfg, last=first["type"] not in ABSENT)
     if first["type"] in ("unexpected_keyword_argument", "extra_forbidden"):
@@ -46,7 +52,11 @@ ABSENT = ("missing", "missing_argument", "missing_keyword_only_argument")
 def location(parts: Sequence[int | str], key: str, cfg: DictConfig, last: bool) -> str:
     """The key of what pydantic complains of, below `key`: its own words for the options of a union are left out.
 
-    last: the last part must be there, too.
+    Args:
+        parts: The place, as pydantic names it.
+        key: The key that pydantic was given.
+        cfg: The config.
+        last: Must the last part be there, too?
     """
     node: Any = OmegaConf.to_container(cfg)
     for name in filter(None, key.split(".")):
@@ -61,7 +71,13 @@ def location(parts: Sequence[int | str], key: str, cfg: DictConfig, last: bool) 
 
 
 def check_hydra(hydra: Any, schema: Any = None, prefix: str = "hydra.") -> None:
-    """Raises InputError for a key of Hydra's own part of the config that Hydra does not know: `+` adds any."""
+    """Raises InputError for a key of Hydra's own part of the config that Hydra does not know: `+` adds any.
+
+    Args:
+        hydra: Hydra's part of the config.
+        schema: The keys that Hydra knows; None: all of its own.
+        prefix: The key of this part.
+    """
     schema = OmegaConf.structured(HydraConf) if schema is None else schema
     known = [str(key) for key in schema]
     for key in hydra:

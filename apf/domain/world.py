@@ -85,6 +85,14 @@ def carry_out(
     """What came of one plan (N = 1), which may take `limit` seconds; `before` as `World.attempt` takes it.
 
     Raises Stopped, saying `what` was tried, if the world fails, takes longer, or answers no labels.
+
+    Args:
+        world: Where.
+        plan: A batch of one plan.
+        rng: The source of all draws.
+        limit: Seconds that the plan may take; None: as long as it likes.
+        what: How messages call the plan.
+        before: As `World.attempt` takes it.
     """
     try:
         with time_limit(limit):

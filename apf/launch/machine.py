@@ -55,7 +55,13 @@ def check_machine(config: Config) -> None:
 
 
 def check_weights(settings: EnsembleSettings, domain: Domain, device: torch.device) -> None:
-    """Raises InputError if the device cannot hold the networks while they are trained."""
+    """Raises InputError if the device cannot hold the networks while they are trained.
+
+    Args:
+        settings: The ensemble.
+        domain: Of the plans.
+        device: Where the networks are to be trained.
+    """
     with torch.device("meta"):  # sizes without memory
         network = settings.network(members=1, n_features=domain.n_features, n_position=domain.n_position)
     weights = settings.members * sum(weight.numel() for weight in network.parameters())

@@ -195,7 +195,14 @@ class Sweep:
     # -- elsewhere ----------------------------------------------------------------------------------------------
 
     def run_elsewhere(self, engine: Launcher, jobs: list[Job], total: int, first: int) -> None:
-        """Hand the jobs to another launcher; each run's directory then tells what came of it."""
+        """Hand the jobs to another launcher; each run's directory then tells what came of it.
+
+        Args:
+            engine: Another of Hydra's launchers.
+            jobs: What is to be done.
+            total: The number of all jobs of the sweep.
+            first: The number of the first job.
+        """
         self.console.print(f"{total} runs, {len(jobs)} to do: by {type(engine).__name__}")
         overrides = [[*job.overrides, f"hydra.sweep.subdir={quoted(Path(job.directory.name))}"] for job in jobs]
         trouble = ""
@@ -266,7 +273,10 @@ def run_here(cfg: DictConfig) -> str:
 def started(arguments: list[str], threads: int, progress: Path | None = None) -> Iterator[subprocess.Popen]:
     """`python -m apf.main ARGUMENTS` in a session of its own, out of reach of Ctrl-C; it ends with this process.
 
-    progress: the file in which it should tell how far it is.
+    Args:
+        arguments: Of the command line.
+        threads: Of the process.
+        progress: The file in which the process tells how far it is.
     """
     environment = {**os.environ, "OMP_NUM_THREADS": str(threads), FOLLOWER: "1"}
     environment.pop("HYDRA_FULL_ERROR", None)

@@ -51,7 +51,14 @@ class PlacementConv(MessagePassing):
         return self.propagate(edge_index, x=x, position=position)
 
     def message(self, x_i: Tensor, x_j: Tensor, position_i: Tensor, position_j: Tensor) -> Tensor:
-        """Features and positions of the edges' targets i and sources j [E, A, N, F or D] -> messages [E, A, N, H]."""
+        """Features and positions of the edges' targets i and sources j [E, A, N, F or D] -> messages [E, A, N, H].
+
+        Args:
+            x_i: [E, A, N, F] features of the targets.
+            x_j: [E, A, N, F] features of the sources.
+            position_i: [E, A, N, D] positions of the targets.
+            position_j: [E, A, N, D] positions of the sources.
+        """
         return self.message_net(torch.cat([x_j, x_i, position_j - position_i], -1))
 
     def update(self, aggregated: Tensor, x: Tensor) -> Tensor:

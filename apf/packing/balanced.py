@@ -23,6 +23,14 @@ def balanced_packings(
 
     Those that succeed grow box by box, and what failed is dropped at once; no two share a prefix. Arguments as those
     of `random_packings`. Raises ValueError if n is odd; InputError if no packing succeeds, or none fails.
+
+    Args:
+        cell: Container and gripper.
+        boxes: What is packed.
+        length: Placements of a packing.
+        n: How many.
+        rng: The source of all draws.
+        places: Distribution of x and y.
     """
     if n % 2:
         raise ValueError(f"a balanced set needs an even number of packings, not {n}")

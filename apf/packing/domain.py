@@ -86,13 +86,13 @@ class PackingDomain(Domain):
         return boxes
 
     def check_length(self, length: int, key: str, evaluation: bool = False) -> None:
-        """Raises InputError, naming the config key, if no plan of `length` placements can be made."""
+        """As `Domain.check_length`: there must be as many boxes."""
         which, boxes = ("evaluation", self.evaluation_boxes) if evaluation else ("training", self.training_boxes)
         if length > len(boxes):
             raise InputError(f"{key}: packings of {length} boxes need {length} boxes; domain.{which} has {len(boxes)}")
 
     def random_plans(self, length: int, n: int, rng: np.random.Generator) -> Packings:
-        """n random plans of `length` placements of training boxes."""
+        """As `Domain.random_plans`: packings of training boxes."""
         return random_packings(self.cell, self.training_boxes, length, n, rng, self.places)
 
     def extend(self, plans: Packings, rng: np.random.Generator) -> Packings:
@@ -116,13 +116,13 @@ class PackingDomain(Domain):
         return views(plans) if self.symmetry else iter([features(plans)])
 
     def problem(self, length: int, candidates: int, rng: np.random.Generator) -> Packings:
-        """A planning problem: random plans of `length` out of some evaluation boxes chosen at random."""
+        """As `Domain.problem`: all candidates choose from the same evaluation boxes."""
         n = min(round(self.choice * length), len(self.evaluation_boxes))
         chosen = rng.choice(len(self.evaluation_boxes), n, replace=False)
         return random_packings(self.cell, self.evaluation_boxes.subset(chosen), length, candidates, rng, self.places)
 
     def balanced(self, length: int, n: int, rng: np.random.Generator) -> tuple[Packings, np.ndarray]:
-        """n plans with evaluation boxes, and their labels [n] bool: half of them feasible."""
+        """As `Domain.balanced`: packings of evaluation boxes."""
         return balanced_packings(self.cell, self.evaluation_boxes, length, n, rng, self.places)
 
     def encode(self, plans: Packings) -> list[dict[str, Any]]:

@@ -35,7 +35,13 @@ def read_boxes(path: str | Path) -> BoxSet:
 
 
 def write_boxes(boxes: BoxSet, path: str | Path, units: bool = False) -> None:
-    """Write a box file; `units=True` puts them into the header (`dim_x [m]`), which reading accepts too."""
+    """Write a box file; `units=True` puts them into the header (`dim_x [m]`), which reading accepts too.
+
+    Args:
+        boxes: The set.
+        path: A .csv or .parquet file.
+        units: Put units into the header?
+    """
     columns = dict(zip(SIDE_COLUMNS, boxes.dims.T, strict=True))
     table = pd.DataFrame({"box": list(boxes.name), **columns, "value": boxes.value})
     write_table(table, Path(path), dict.fromkeys(SIDE_COLUMNS, "m") if units else None)
@@ -57,7 +63,13 @@ def packing_table(packings: Packings) -> pd.DataFrame:
 
 
 def write_packings(packings: Packings, path: str | Path, units: bool = False) -> None:
-    """Write a packing file; `units` as in `write_boxes`."""
+    """Write a packing file; `units` as in `write_boxes`.
+
+    Args:
+        packings: One batch or more.
+        path: A .csv or .parquet file.
+        units: Put units into the header?
+    """
     write_table(packing_table(packings), Path(path), UNITS if units else None)
 
 

@@ -116,5 +116,12 @@ class Packings:
 
 
 def overlap(low: np.ndarray, high: np.ndarray, other_low: np.ndarray, other_high: np.ndarray) -> np.ndarray:
-    """[N] bool: do rectangles, given by two corners [2, N] each, share some area?"""
+    """[N] bool: do rectangles, given by two corners [2, N] each, share some area?
+
+    Args:
+        low: [2, N] corners of some rectangles.
+        high: [2, N] the opposite corners.
+        other_low: [2, N] corners of others.
+        other_high: [2, N] the opposite corners.
+    """
     return (low[0] < other_high[0]) & (other_low[0] < high[0]) & (low[1] < other_high[1]) & (other_low[1] < high[1])

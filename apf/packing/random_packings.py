@@ -54,13 +54,25 @@ class Places:
 
     @staticmethod
     def reach(cell: Cell, sides: np.ndarray, grip: np.ndarray) -> np.ndarray:
-        """[N, 2] from the centre to where box and fingers end [m]; arguments as those of `first`."""
+        """[N, 2] from the centre to where box and fingers end [m]; arguments as those of `first`.
+
+        Args:
+            cell: Container and gripper.
+            sides: [N, 2] along x and y [m].
+            grip: [N] the axis on which the fingers grip.
+        """
         gripped = np.arange(2) == grip[:, None]
         across = np.maximum(sides, cell.gripper.width) / 2
         return np.where(gripped, sides / 2 + cell.gripper.thickness, across)
 
     def next(self, packings: Packings, sides: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        """[N, 2] x and y of one more box with these sides [N, 2] in each packing [m]."""
+        """[N, 2] x and y of one more box with these sides [N, 2] in each packing [m].
+
+        Args:
+            packings: N packings.
+            sides: [N, 2] along x and y [m].
+            rng: The source of all draws.
+        """
         n = len(packings)
         rows, near = np.arange(n), rng.integers(packings.length, size=n)
         centre, half = packings.xy[rows, near], packings.dims[rows, near, :2] / 2
@@ -101,6 +113,11 @@ def random_extensions(packings: Packings, rng: np.random.Generator, places: Plac
     """Each packing with one more random placement of a box that it does not hold yet: [N, K] -> [N, K + 1].
 
     Raises ValueError if the packings already hold every box of the set.
+
+    Args:
+        packings: N packings of K boxes.
+        rng: The source of all draws.
+        places: Distribution of x and y.
     """
     n, b = len(packings), len(packings.boxes)
     if packings.length >= b:

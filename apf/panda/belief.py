@@ -30,7 +30,13 @@ class Belief(Scene):
     """A scene without physics, in which blocks lie where they are thought to be."""
 
     def build(self, blocks: BlockSet, poses: np.ndarray, q: np.ndarray = REST) -> None:
-        """See `Scene.build`."""
+        """See `Scene.build`.
+
+        Args:
+            blocks: The set.
+            poses: [B, 4, 4] of the blocks.
+            q: [7] joints [rad].
+        """
         super().build(blocks, poses, q)
         self.thought = poses.copy()
         self.halves = blocks.dims / 2
@@ -52,8 +58,12 @@ class Belief(Scene):
     ) -> bool:
         """Would the arm at joints q [7], or what it holds, come closer than `clearance` [m] to anything, or to itself?
 
-        held_clearance: for the held block; negative: it may overlap by so much, as where it stands or was seen.
-        ignore: blocks that do not count.
+        Args:
+            q: [7] joints [rad].
+            held: What the hand holds, if anything.
+            clearance: [m] from everything else.
+            held_clearance: [m] of the held block; negative: it may overlap by so much, as where it stands or was seen.
+            ignore: Blocks that do not count.
         """
         self.pose_arm(q)
         blocks = [b for i, b in enumerate(self.bodies) if i not in ignore and (held is None or i != held.block)]
@@ -104,11 +114,23 @@ class Belief(Scene):
         ]
 
     def fits(self, block: int, where: np.ndarray, clearance: float) -> bool:
-        """Is there room for a block at a pose [4, 4], `clearance` [m] from all other blocks?"""
+        """Is there room for a block at a pose [4, 4], `clearance` [m] from all other blocks?
+
+        Args:
+            block: Its number.
+            where: [4, 4] pose.
+            clearance: [m] from all other blocks.
+        """
         return not self.in_the_way(block, where, clearance)
 
     def in_the_way(self, block: int, where: np.ndarray, clearance: float) -> list[int]:
-        """The blocks that are closer than `clearance` [m] to this one if it were at a pose [4, 4]."""
+        """The blocks that are closer than `clearance` [m] to this one if it were at a pose [4, 4].
+
+        Args:
+            block: Its number.
+            where: [4, 4] pose.
+            clearance: [m] from all other blocks.
+        """
         body = self.bodies[block]
         self.put(block, where)
         found = [

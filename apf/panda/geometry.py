@@ -71,7 +71,14 @@ def about_z(radians: float) -> np.ndarray:
 
 
 def disturbed(matrix: np.ndarray, position: float, rotation: float, rng: np.random.Generator) -> np.ndarray:
-    """The pose with independent normal errors: sd `position` [m] and `rotation` [rad] on each axis. Always draws."""
+    """The pose with independent normal errors: sd `position` [m] and `rotation` [rad] on each axis. Always draws.
+
+    Args:
+        matrix: [4, 4] pose.
+        position: Standard deviation on each axis [m].
+        rotation: Standard deviation about each axis [rad].
+        rng: The source of all draws.
+    """
     shift, turn = rng.normal(0.0, 1.0, 3) * position, rng.normal(0.0, 1.0, 3) * rotation
     size = float(np.linalg.norm(turn))
     if size == 0.0:

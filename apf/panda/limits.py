@@ -20,7 +20,13 @@ HEAVIEST = 2.0
 
 
 def check_blocks(blocks: BlockSet, gripper: Gripper, layout: Layout) -> None:
-    """Raises InputError, naming block and limit, if the gripper cannot hold one, or there are too many."""
+    """Raises InputError, naming block and limit, if the gripper cannot hold one, or there are too many.
+
+    Args:
+        blocks: The set.
+        gripper: What the fingers can hold.
+        layout: Places on the table.
+    """
     if len(blocks) > len(layout.homes_at):
         raise InputError(f"there are {len(blocks)} blocks; the table has places for {len(layout.homes_at)}")
     for name, dims, mass in zip(blocks.name, blocks.dims, blocks.mass):
@@ -37,7 +43,13 @@ def check_blocks(blocks: BlockSet, gripper: Gripper, layout: Layout) -> None:
 
 
 def check_height(height: float, layout: Layout, reach: Reach) -> None:
-    """Raises InputError if a tower of that height [m] is higher than the arm can put a block on."""
+    """Raises InputError if a tower of that height [m] is higher than the arm can put a block on.
+
+    Args:
+        height: Of the tower [m].
+        layout: Places on the table.
+        reach: Of the arm.
+    """
     limit = highest(layout, reach)
     if height > limit:
         raise InputError(f"the tower is {height:.3f} m high; over its base the arm reaches up to {limit:.2f} m")

@@ -53,6 +53,15 @@ def find_motion(
 
     A straight line if that is free, or two with the arm raised between them, else by RRT-Connect, shortened. Depends on
     nothing but the arguments.
+
+    Args:
+        belief: Where everything is thought to be.
+        start: [7] joints [rad].
+        goal: [7] joints [rad].
+        held: What the hand holds, if anything.
+        how: The settings.
+        seed: Of all draws.
+        ignore: Blocks that do not count.
     """
 
     def free(q: np.ndarray) -> bool:
@@ -69,7 +78,13 @@ def find_motion(
 
 
 def between(start: np.ndarray, goal: np.ndarray, step: float) -> np.ndarray:
-    """[M, 7] points on the line between two configurations, ends left out, at most `step` [rad] apart; middle first."""
+    """[M, 7] points on the line between two configurations, ends left out, at most `step` [rad] apart; middle first.
+
+    Args:
+        start: [7] joints [rad].
+        goal: [7] joints [rad].
+        step: Between neighbours, at most [rad].
+    """
     n = int(np.ceil(np.abs(goal - start).max() / step))
     order = sorted(range(1, n), key=lambda i: (-(i & -i), i))
     return start + np.array(order)[:, None] / max(n, 1) * (goal - start) if order else np.empty((0, JOINTS))

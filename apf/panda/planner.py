@@ -104,6 +104,12 @@ class Planner:
         """The steps that bring a block from where it is thought to be to a pose [4, 4], starting from joints q [7].
 
         Raises NoPlan.
+
+        Args:
+            block: Its number.
+            goal: [4, 4] pose.
+            q: [7] joints from which the arm starts [rad].
+            rng: The source of all draws.
         """
         query = _Query(block, {NOW: self.belief.thought[block], GOAL: goal})
         self.effort = Effort()

@@ -75,7 +75,13 @@ class Reality(Scene):
         return self.steps / self.physics.rate
 
     def build(self, blocks: BlockSet, poses: np.ndarray, q: np.ndarray = REST) -> None:
-        """See `Scene.build`. The arm holds q; nothing moves yet."""
+        """See `Scene.build`. The arm holds q; nothing moves yet.
+
+        Args:
+            blocks: The set.
+            poses: [B, 4, 4] of the blocks.
+            q: [7] joints [rad].
+        """
         super().build(blocks, poses, q)
         self.steps, self._held, self._tied = 0, None, None
         client = self.client
@@ -242,7 +248,14 @@ def smooth_pieces(path: np.ndarray) -> list[np.ndarray]:
 
 
 def trapezoid(length: float, speed: float, acceleration: float, rate: int) -> tuple[np.ndarray, np.ndarray]:
-    """Times [M] in steps of 1/rate and places [M] along a line, from rest to rest, ending exactly at `length`."""
+    """Times [M] in steps of 1/rate and places [M] along a line, from rest to rest, ending exactly at `length`.
+
+    Args:
+        length: Of the line.
+        speed: The largest, in units of the line a second.
+        acceleration: In units of the line a second squared.
+        rate: Steps in a second.
+    """
     peak = min(speed, float(np.sqrt(length * acceleration)))
     ramp = peak / acceleration
     total = length / peak + ramp

@@ -35,7 +35,13 @@ class Robot:
     handling: Handling
 
     def begin(self, blocks: BlockSet, poses: np.ndarray, rng: np.random.Generator) -> None:
-        """A new scene: blocks at their poses [B, 4, 4], the arm at rest, nothing remembered."""
+        """A new scene: blocks at their poses [B, 4, 4], the arm at rest, nothing remembered.
+
+        Args:
+            blocks: The set.
+            poses: [B, 4, 4] of the blocks.
+            rng: The source of all draws.
+        """
         self.rng, self.account = rng, Account()
         self.reality.build(blocks, poses)
         self.belief.build(blocks, poses)
@@ -59,6 +65,11 @@ class Robot:
         """One attempt to bring a block to a pose [4, 4]: look, plan, act. Returns the outcome, as the account has it.
 
         The gripper is empty and the arm away from the blocks afterwards.
+
+        Args:
+            block: Its number.
+            goal: [4, 4] pose.
+            purpose: Why, as the account has it.
         """
         began, processor, simulated = time.perf_counter(), time.process_time(), self.reality.seconds
         entry = Entry(purpose, self.planner.blocks.name[block])

@@ -59,7 +59,13 @@ class Scene:
             self.client.disconnect()
 
     def build(self, blocks: BlockSet, poses: np.ndarray, q: np.ndarray = REST) -> None:
-        """Begin anew: the arm at q [7], its gripper open, and each block of the set at its pose [B, 4, 4]."""
+        """Begin anew: the arm at q [7], its gripper open, and each block of the set at its pose [B, 4, 4].
+
+        Args:
+            blocks: The set.
+            poses: [B, 4, 4] of the blocks.
+            q: [7] joints [rad].
+        """
         self.client.resetSimulation()
         self.blocks = blocks
         (x0, x1), (y0, y1) = self.layout.table_x, self.layout.table_y

@@ -83,7 +83,17 @@ def find_station(
 ) -> Station | None:
     """The first way found to hold a block at a pose [4, 4] by a grasp that touches nothing else; None: there is none.
 
-    number: of the grasp, as the station names it. What lies where the block is now does not count: it is the block.
+    What lies where the block is now does not count: it is the block.
+
+    Args:
+        belief: Where everything is thought to be.
+        block: Its number.
+        where: [4, 4] pose of the block.
+        number: Of the grasp, as the station names it.
+        grasp: The grasp.
+        reach: Of the arm.
+        motion: The settings.
+        ignore: Blocks that do not count.
     """
     target = where @ grasp.pose
     down = target[:3, 2]

@@ -113,8 +113,15 @@ def _domain() -> Problem:
 def solve(block: int, now: str, goal: str, pedestal: Sequence[str], facts: Sequence[Fact]) -> list[Action] | None:
     """The actions that bring a block from the pose named `now` to the one named `goal`; None: the facts do not suffice.
 
-    pedestal: which named poses are on the pedestal. Of several shortest plans any may be answered, and not the same
+    Of several shortest plans any may be answered, and not the same
     one in every process; facts that allow a single one make it certain.
+
+    Args:
+        block: The name of the block.
+        now: The name of its pose.
+        goal: The name of the pose that it is to have.
+        pedestal: Named poses that are on the pedestal.
+        facts: What is known to be possible.
     """
     problem = _domain()
     factory, types = problem.environment.factory, problem.environment.type_manager

@@ -60,7 +60,7 @@ class PandaWorld(World):
         return self.initial or self
 
     def check(self, domain: TowerDomain, length: int, evaluation: bool = False) -> None:
-        """Raises InputError, naming block and limit, if the robot cannot build with the blocks, or not so high."""
+        """As `World.check`; names the block and the limit."""
         blocks = domain.evaluation_blocks if evaluation else domain.training_blocks
         check_blocks(blocks, self.gripper, self.layout)
         tallest = np.sort(blocks.dims.max(1))[::-1][:length].sum()
@@ -81,7 +81,7 @@ class PandaWorld(World):
         return np.array(labels, np.int8).reshape(plans.block.shape)
 
     def attempt(self, plan: Towers, rng: np.random.Generator, before: Mapping[str, Any] | None = None) -> Outcome:
-        """Build one tower (N = 1), clear up, and report; blocks begin where `before`, an earlier report, left them."""
+        """As `World.attempt`: build one tower, clear up, and report."""
         self.check_plans(plan)
         builder = self.builder
         poses = self._poses(plan.blocks, before)

@@ -81,6 +81,11 @@ class Evaluator:
         Normalised regret is (best_value - reward) / best_value: the reward is the chosen plan's value if it succeeds
         and 0 if it fails; best_value is the largest value of a candidate that succeeds without noise. It is NaN
         where no candidate does.
+
+        Args:
+            predictor: Judges the candidates.
+            step: Of the run.
+            labelled: Plans that are labelled by then.
         """
         rows = []
         for problem, candidates in self._problems():
@@ -105,6 +110,11 @@ class Evaluator:
 
         auc: the chance that it gives a plan that succeeds a higher probability than one that does not, which no choice
         of threshold touches.
+
+        Args:
+            predictor: Judges the test plans.
+            step: Of the run.
+            labelled: Plans that are labelled by then.
         """
         rows = []
         lengths = self.settings.lengths if self.settings.test_plans else []

@@ -53,7 +53,13 @@ def names_of(evaluation: EvaluationSettings, tasks: Iterable[str]) -> list[str]:
 
 
 def check_objective(objective: Objective, evaluation: EvaluationSettings, tasks: Iterable[str]) -> None:
-    """Raises InputError if no evaluation of these settings has such a figure."""
+    """Raises InputError if no evaluation of these settings has such a figure.
+
+    Args:
+        objective: Names of figures.
+        evaluation: The settings.
+        tasks: Names of the tasks.
+    """
     known = names_of(evaluation, tasks)
     for name in objective:
         if name not in known:
@@ -77,6 +83,11 @@ def returned(directory: Path, objective: Objective, plans: int) -> float | tuple
 
     It is that of the last evaluation at no more than `plans` labelled plans: the run may have gone on since. NaN
     stands for a figure that this run does not have: regret, where no candidate of any problem succeeds.
+
+    Args:
+        directory: Of a finished run.
+        objective: Names of figures.
+        plans: How many labelled plans count.
     """
     if not objective:
         return None
@@ -114,7 +125,14 @@ class Failed(JobReturn):
 def outcome(
     overrides: list[str], directory: Path, value: float | tuple[float, ...] | None, error: Exception | None
 ) -> JobReturn:
-    """What a sweeper is told of a run: its value, or the error that it ended with."""
+    """What a sweeper is told of a run: its value, or the error that it ended with.
+
+    Args:
+        overrides: Of the job.
+        directory: Of the run.
+        value: Its objective.
+        error: What it ended with; None: it finished.
+    """
     if error is not None:
         return Failed(overrides, working_dir=str(directory), status=JobStatus.FAILED, error=error)
     done = JobReturn(overrides, working_dir=str(directory), status=JobStatus.COMPLETED)

@@ -133,6 +133,11 @@ class MonteCarloPlanner:
         """The candidates of a problem, for `plan`.
 
         A predictor that draws, or that answers about many in the time of a few, is asked once, about all of them.
+
+        Args:
+            candidates: Plans of one length.
+            predictor: Judges plans.
+            rng: The source of the predictor's draws.
         """
         pool = Pool(candidates, predictor, rng)
         if pool.at_once:

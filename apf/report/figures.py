@@ -81,7 +81,13 @@ def plural(word: str) -> str:
 
 
 def save(figure: "Figure", table: pd.DataFrame, stem: Path) -> list[Path]:
-    """Write STEM.pdf, STEM.png and the plotted table, STEM.csv. Returns the paths."""
+    """Write STEM.pdf, STEM.png and the plotted table, STEM.csv. Returns the paths.
+
+    Args:
+        figure: What was plotted.
+        table: The data of the plot.
+        stem: The path without its ending.
+    """
     import matplotlib.pyplot as plt
 
     stem.parent.mkdir(parents=True, exist_ok=True)

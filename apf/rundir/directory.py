@@ -30,6 +30,11 @@ def check(directory: Path, config: dict[str, Any], domain: Domain) -> bool:
     """Could this run be the one that the directory holds, if it holds one? Returns whether that has gone as far.
 
     Raises InputError, naming the keys that differ, if another run lives there, or if it goes on in another way.
+
+    Args:
+        directory: May hold a run.
+        config: The plain config of this run.
+        domain: Of this run.
     """
     if not holds_run(directory):
         return False
@@ -117,7 +122,14 @@ def begin(directory: Path, config: dict[str, Any], domain: Domain, tasks: Mappin
 
 
 def check_written(directory: Path, config: dict[str, Any], state: dict[str, Any], domain: Domain) -> None:
-    """Raises InputError if what a run begins with cannot be read back as it was written."""
+    """Raises InputError if what a run begins with cannot be read back as it was written.
+
+    Args:
+        directory: Of the run.
+        config: What config.yaml should hold.
+        state: What run.yaml should hold.
+        domain: Of the run.
+    """
     for name, written in ((CONFIG, config), (STATE, state)):
         read = read_yaml(directory / name)
         for key in written:

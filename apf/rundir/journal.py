@@ -173,6 +173,12 @@ def parse(text: bytes, path: Path, run: str = "", known: End | None = None) -> C
     """What is written in a journal; arguments as `Journal` takes them.
 
     Raises InputError, naming the first line that is wrong, unless it is the last one and may have been torn.
+
+    Args:
+        text: The bytes of the file.
+        path: Of the file, for messages.
+        run: The id of the run.
+        known: Where the journal ended when the run finished, if it has.
     """
     lines = text.split(b"\n")
     total = len(lines) - (not lines[-1])

@@ -162,7 +162,13 @@ class Store:
         return step in self._steps
 
     def plan(self, step: int, scored: Sequence[Scored], splits: Sequence[str]) -> None:
-        """Record what will be executed in this step, all or nothing."""
+        """Record what will be executed in this step, all or nothing.
+
+        Args:
+            step: Of the run.
+            scored: The plans and their scores.
+            splits: Of each plan: train or validation.
+        """
         plans = [
             {"split": split, "score": None if np.isnan(s.score) else s.score, "plan": self.domain.encode(s.plan)[0]}
             for s, split in zip(scored, splits, strict=True)
@@ -175,7 +181,13 @@ class Store:
         return [(proposal.number, self.domain.decode([proposal.plan])) for proposal in pending]
 
     def record(self, number: int, labels: np.ndarray, report: dict[str, Any] | None = None) -> None:
-        """Make the labels [K] of a plan durable, and what the world reported."""
+        """Make the labels [K] of a plan durable, and what the world reported.
+
+        Args:
+            number: Of the plan.
+            labels: [K] 1, 0 or -1.
+            report: What the world told besides, if anything.
+        """
         symbols = "".join(SYMBOL[int(label)] for label in labels)
         self._append("label", plan=number, labels=symbols, **({} if report is None else {"report": report}))
 
@@ -198,7 +210,13 @@ class Store:
         return self._proposed[number]
 
     def correct(self, number: int, labels: str, reason: str) -> None:
-        """Make other labels of an executed plan durable; the journal keeps the old ones too."""
+        """Make other labels of an executed plan durable; the journal keeps the old ones too.
+
+        Args:
+            number: Of the plan.
+            labels: A character for each prefix: 1, 0 or -.
+            reason: Kept in the journal.
+        """
         self._append("correction", plan=number, old=self.proposal(number).labels, labels=labels, reason=reason)
 
     def labelled(self, split: str | None = None, until: int | None = None) -> list[Labelled]:
@@ -260,7 +278,14 @@ class Store:
     def record_evaluation(
         self, step: int, regret: pd.DataFrame, accuracy: pd.DataFrame, save: Callable[[Path], None] | None = None
     ) -> None:
-        """Make an evaluation durable with the weights that `save` writes; write the tables if they lag far behind."""
+        """Make an evaluation durable with the weights that `save` writes; write the tables if they lag far behind.
+
+        Args:
+            step: Of the run.
+            regret: Rows of regret.parquet.
+            accuracy: Rows of accuracy.parquet.
+            save: Writes the weights to a path; None: there are none.
+        """
         weights = self.weights(step)
         if save:
             with replacing(weights) as half:

@@ -115,6 +115,11 @@ def write_table(table: pd.DataFrame, path: Path, units: Mapping[str, str] | None
     """Write a CSV or parquet file, replacing it in one step; with `units`, headers carry them.
 
     Raises InputError if the ending is another, or the file cannot be written.
+
+    Args:
+        table: What to write.
+        path: A .csv or .parquet file.
+        units: Of columns; None: headers without units.
     """
     check_ending(path)
     if units:

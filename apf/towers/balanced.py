@@ -15,6 +15,13 @@ def random_standing(blocks: BlockSet, length: int, n: int, rng: np.random.Genera
 
     Towers grow block by block and those that fell are dropped at once, so that even seven blocks (a few in
     10,000 stand) take seconds; each survivor grew alone, so no two share a prefix.
+
+    Args:
+        blocks: The set.
+        length: Blocks of a tower.
+        n: How many towers.
+        rng: The source of all draws.
+        offset: Distribution of x-y offsets.
     """
     found = [random_towers(blocks, length, 0, rng)]
     while sum(map(len, found)) < n:
@@ -27,7 +34,15 @@ def random_standing(blocks: BlockSet, length: int, n: int, rng: np.random.Genera
 
 
 def random_fallen(blocks: BlockSet, length: int, n: int, rng: np.random.Generator, offset: Offset) -> Towers:
-    """n independent random towers that do not stand, distributed as `random_towers` given that they do not."""
+    """n independent random towers that do not stand, distributed as `random_towers` given that they do not.
+
+    Args:
+        blocks: The set.
+        length: Blocks of a tower.
+        n: How many towers.
+        rng: The source of all draws.
+        offset: Distribution of x-y offsets.
+    """
     found = [random_towers(blocks, length, 0, rng)]
     while sum(map(len, found)) < n:
         towers = random_towers(blocks, length, 2 * n, rng, offset)
@@ -41,6 +56,13 @@ def balanced_towers(
     """A test set of n towers, half standing and half not (Section Model Architecture and Generalization).
 
     Returns the towers and their labels [n] bool. Raises ValueError if n is odd.
+
+    Args:
+        blocks: The set.
+        length: Blocks of a tower.
+        n: How many towers.
+        rng: The source of all draws.
+        offset: Distribution of x-y offsets.
     """
     if n % 2:
         raise ValueError(f"a balanced set needs an even number of towers, not {n}")

@@ -88,7 +88,13 @@ class BlockSet:
 
 
 def look_up(table: np.ndarray, block: np.ndarray, rotation: np.ndarray) -> np.ndarray:
-    """[..., M] the rows of a table [B, 24, M] for blocks [...] after rotations [...]."""
+    """[..., M] the rows of a table [B, 24, M] for blocks [...] after rotations [...].
+
+    Args:
+        table: [B, 24, M].
+        block: [...] rows of the first axis.
+        rotation: [...] rows of the second axis.
+    """
     rows = table.reshape(-1, table.shape[-1])
     return rows.take(block.astype(np.intp) * len(ROTATIONS) + rotation, axis=0)
 

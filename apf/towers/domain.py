@@ -78,14 +78,14 @@ class TowerDomain(Domain):
         write_blocks(objects, path, units=True)
 
     def check_length(self, length: int, key: str, evaluation: bool = False) -> None:
-        """Raises InputError, naming the config key, if no plan of `length` placements can be made."""
+        """As `Domain.check_length`: there must be as many blocks."""
         which = "evaluation" if evaluation else "training"
         n = len(self.evaluation_blocks if evaluation else self.training_blocks)
         if length > n:
             raise InputError(f"{key}: towers of {length} blocks need {length} blocks; domain.{which} has {n}")
 
     def random_plans(self, length: int, n: int, rng: np.random.Generator) -> Towers:
-        """n random plans of `length` placements of training blocks."""
+        """As `Domain.random_plans`: towers of training blocks."""
         return random_towers(self.training_blocks, length, n, rng, self.offset)
 
     def extend(self, plans: Towers, rng: np.random.Generator) -> Towers:
@@ -124,12 +124,12 @@ class TowerDomain(Domain):
         return stands(plans)
 
     def problem(self, length: int, candidates: int, rng: np.random.Generator) -> Towers:
-        """A planning problem: random plans that use all of `length` evaluation blocks chosen at random."""
+        """As `Domain.problem`: all candidates use all of `length` evaluation blocks."""
         chosen = rng.choice(len(self.evaluation_blocks), length, replace=False)
         return random_towers(self.evaluation_blocks.subset(chosen), length, candidates, rng, self.offset)
 
     def balanced(self, length: int, n: int, rng: np.random.Generator) -> tuple[Towers, np.ndarray]:
-        """n plans with evaluation blocks, and their labels [n] bool: half of them feasible."""
+        """As `Domain.balanced`: towers of evaluation blocks."""
         return balanced_towers(self.evaluation_blocks, length, n, rng, self.offset)
 
     def encode(self, plans: Towers) -> list[dict[str, Any]]:

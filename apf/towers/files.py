@@ -49,12 +49,24 @@ def read_blocks(path: str | Path) -> BlockSet:
 
 
 def write_blocks(blocks: BlockSet, path: str | Path, units: bool = False) -> None:
-    """Write a block file; `units=True` puts them into the header (`dim_x [m]`), which reading accepts too."""
+    """Write a block file; `units=True` puts them into the header (`dim_x [m]`), which reading accepts too.
+
+    Args:
+        blocks: The set.
+        path: A .csv or .parquet file.
+        units: Put units into the header?
+    """
     write_table(_block_table(blocks), Path(path), UNITS if units else None)
 
 
 def write_towers(towers: Towers | Sequence[Towers], path: str | Path, units: bool = False) -> None:
-    """Write a tower file of one or more batches; towers are numbered from 0 in the order given."""
+    """Write a tower file of one or more batches; towers are numbered from 0 in the order given.
+
+    Args:
+        towers: One batch or more.
+        path: A .csv or .parquet file.
+        units: Put units into the header?
+    """
     batches = [towers] if isinstance(towers, Towers) else list(towers)
     first = np.cumsum([0, *map(len, batches)])
     tables = [tower_table(batch, first=int(i)) for batch, i in zip(batches, first, strict=False)]

@@ -104,6 +104,13 @@ def random_towers(
     """n random towers of `length` different blocks: order, rotations and offsets drawn independently.
 
     Raises ValueError if the set has fewer than `length` blocks.
+
+    Args:
+        blocks: The set.
+        length: Blocks of a tower.
+        n: How many towers.
+        rng: The source of all draws.
+        offset: Distribution of x-y offsets.
     """
     if length > len(blocks):
         raise ValueError(f"towers of {length} blocks need as many different blocks; the set has {len(blocks)}")
@@ -119,6 +126,11 @@ def random_extensions(towers: Towers, rng: np.random.Generator, offset: Offset =
     """Each tower with one more random placement of a block that it does not hold yet: [N, K] -> [N, K + 1].
 
     Raises ValueError if the towers already hold every block of the set.
+
+    Args:
+        towers: N towers of K blocks.
+        rng: The source of all draws.
+        offset: Distribution of x-y offsets.
     """
     n, k, b = len(towers), towers.length, len(towers.blocks)
     if k >= b:

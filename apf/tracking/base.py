@@ -55,7 +55,14 @@ class Tracker(ABC):
         """What is to come until the last of the `steps`: how many units of each kind of work."""
 
     def begin(self, step: int, kind: str, number: int = 1, of: int = 1) -> None:  # noqa: B027
-        """In this step, now unit `number` of `of` of a kind of work; the one before it is over."""
+        """In this step, now unit `number` of `of` of a kind of work; the one before it is over.
+
+        Args:
+            step: Of the run.
+            kind: The kind of work.
+            number: Of the unit, from 1.
+            of: How many units this step has.
+        """
 
     @abstractmethod
     def log(self, figures: Figures) -> None:
@@ -97,7 +104,7 @@ class Trackers(Tracker):
             tracker.plan(steps, work)
 
     def begin(self, step: int, kind: str, number: int = 1, of: int = 1) -> None:
-        """Tell each."""
+        """As `Tracker.begin`: tell each."""
         for tracker in self.trackers:
             tracker.begin(step, kind, number, of)
 

@@ -92,8 +92,13 @@ def left_of_all(
 ) -> tuple[float, bool]:
     """Seconds until runs are done, of which `at_once` go on together; and is something known of all of them?
 
-    running: of each run that goes on, the seconds since it began, and what it tells. took: seconds of those that have
-    ended. undone: how many go on or have not begun; one takes what others took, or what those that go on expect to.
+    A run that goes on or has not begun takes what others took, or what those that go on expect to.
+
+    Args:
+        running: Of each run that goes on, the seconds since it began, and what it tells.
+        took: Seconds of the runs that have ended.
+        undone: How many runs go on or have not begun.
+        at_once: How many go on together.
     """
     expected = [gone + told.left for gone, told in running if told and told.whole]
     known = took or expected

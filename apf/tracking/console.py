@@ -72,7 +72,7 @@ class ConsoleTracker(Tracker):
         self._estimate.plan(work)
 
     def begin(self, step: int, kind: str, number: int = 1, of: int = 1) -> None:
-        """Show it."""
+        """As `Tracker.begin`: show it."""
         self._estimate.begin(kind)
         self._now = (f"{kind} {number}/{of}" if of > 1 else kind, step)
         self._told.write(kind, self._progress)

@@ -136,5 +136,11 @@ def still(left: float, whole: bool) -> str:
 
 
 def times(gone: float, left: float, whole: bool) -> str:
-    """How long it took, and how long it still takes."""
+    """How long it took, and how long it still takes.
+
+    Args:
+        gone: Seconds so far.
+        left: Seconds that are still to come, as far as is known.
+        whole: Is something known of all that is to come?
+    """
     return ", ".join(filter(None, [f"{clock(gone)} so far", still(left, whole)]))

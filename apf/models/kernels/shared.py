@@ -70,7 +70,14 @@ class SharedGraph:
 
 @lru_cache(maxsize=256)
 def shared_graph(length: int, both_ways: bool, last_only: bool, device: torch.device) -> SharedGraph:
-    """The graph that the prefixes of a plan share; the arguments are those of `apf.models.graph.prefix_graph`."""
+    """The graph that the prefixes of a plan share; the arguments are those of `apf.models.graph.prefix_graph`.
+
+    Args:
+        length: K, the number of placements.
+        both_ways: Edges between all pairs?
+        last_only: For the whole plan alone?
+        device: Where the tensors are to lie.
+    """
     backward, forward = _edges(length, both_ways)
     of_backward, of_forward = _ranges(backward, 0), _ranges(forward, length * (length - 1) // 2)
     # nodes lie as the edges do whose messages they sum: by prefix, then the last placements of the prefixes
