@@ -205,7 +205,7 @@ def test_figures_are_figures_of_the_tables(smoke: tuple[Path, Result]) -> None:
     assert list(drawn.columns) == ["world", "task", "plans", "median", "q25", "q75", "runs", "problems"]
     assert len(drawn)
     for row in drawn.itertuples():
-        mine = (regret["world"] == row.world) & (regret["task"] == row.task) & (regret["plans"] == row.towers)
+        mine = (regret["world"] == row.world) & (regret["task"] == row.task) & (regret["plans"] == row.plans)
         values = regret[mine]["regret"].dropna()
         assert np.allclose([row.q25, row.median, row.q75], np.percentile(values, [25, 50, 75]))
         assert (row.runs, row.problems) == (1, len(values))

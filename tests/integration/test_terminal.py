@@ -38,9 +38,9 @@ def screen(arguments: list[str], cwd: Path) -> list[str]:
 @pytest.mark.slow
 def test_a_run_on_a_terminal(tmp_path: Path) -> None:
     """Each kind of work by its name; no step but a number; how long it took is not taken for how long it takes."""
-    lines = screen(["-m", "apf.main", *TINY, "evaluation.problems=40", "hydra.run.dir='a[b]'"], tmp_path)
+    lines = screen(["-m", "apf.main", *TINY, "evaluation.problems=400", "hydra.run.dir='a[b]'"], tmp_path)
     joined = " ".join(lines)
-    assert re.search(r"step \d/2, planning \d+/40", joined)
+    assert re.search(r"step \d/2, planning \d+/400", joined)
     assert re.search(r"\d:\d\d so far, (about|more than) \d:\d\d left", joined)
     assert "writing tables and figures" in joined
     assert "None" not in joined
