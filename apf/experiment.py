@@ -13,11 +13,11 @@ from apf.domain import Predictor, World, carry_out
 from apf.errors import Stopped
 from apf.models import Ensemble
 from apf.planning import Evaluator
-from apf.planning.objective import figures
+from apf.planning.objective import metrics_of
 from apf.rng import stream
 from apf.rundir.store import Store
 from apf.settings import Count, CountOrNone, Seconds, settings
-from apf.tracking import Figures, Phase, Tracker
+from apf.tracking import Metrics, Phase, Tracker
 
 TRAIN, VALIDATION = "train", "validation"
 CHOOSING, FIRST, BUILDING, TRAINING = "choosing plans", "first plans", "building", "training"
@@ -147,7 +147,7 @@ class Experiment:
             outcome = carry_out(world, plan, rng, self.execution.time_limit, f"plan {number}", before)
             self.store.record(number, outcome.labels, outcome.report)
         if pending:
-            self.tracker.log(self.execution_figures(step))
+            self.tracker.log(self.execution_metrics(step))
 
     def learn(self, step: int) -> None:
         """Train the ensemble from scratch on all that was labelled up to this step."""
@@ -159,7 +159,7 @@ class Experiment:
             raise Stopped(f"training diverged in step {step}: {error}; try a lower training.learning_rate") from None
         losses = {f"loss/{name}": loss for name, loss in history.kept_losses.items()}
         self.store.record_training(step, losses)
-        self.tracker.log(Figures(step, Phase.LEARNED, self.store.count(until=step), losses))
+        self.tracker.log(Metrics(step, Phase.LEARNED, self.store.count(until=step), losses))
 
     def evaluate(self, step: int, predictor: Predictor, save: Callable[[Path], None] | None = None) -> None:
         """Plan and test with the predictor; `save` writes its weights, if it has any.
@@ -173,23 +173,23 @@ class Experiment:
         regret = self.evaluator.regret(predictor, step, labelled)
         accuracy = self.evaluator.accuracy(predictor, step, labelled)
         self.store.record_evaluation(step, regret, accuracy, save)
-        self.tracker.log(self.evaluation_figures(step))
+        self.tracker.log(self.evaluation_metrics(step))
 
-    def history(self) -> list[Figures]:
-        """All figures that the store can tell of what was done, in the order in which they came."""
-        evaluations = figures(self.store.regret(), self.store.accuracy())
+    def history(self) -> list[Metrics]:
+        """All metrics that the store can tell of what was done, in the order in which they came."""
+        evaluations = metrics_of(self.store.regret(), self.store.accuracy())
         history = []
         for step in range(self.steps + 1):
             if self.store.planned(step) and not self.store.pending(step):
-                history.append(self.execution_figures(step))
+                history.append(self.execution_metrics(step))
             labelled = self.store.count(until=step)
             if losses := self.store.training(step):
-                history.append(Figures(step, Phase.LEARNED, labelled, losses))
+                history.append(Metrics(step, Phase.LEARNED, labelled, losses))
             if self.store.evaluated(step):
-                history.append(Figures(step, Phase.EVALUATED, labelled, evaluations.get(step, {})))
+                history.append(Metrics(step, Phase.EVALUATED, labelled, evaluations.get(step, {})))
         return history
 
-    def execution_figures(self, step: int) -> Figures:
+    def execution_metrics(self, step: int) -> Metrics:
         """The share of plans that succeeded, and the scores that they were chosen for."""
         feasible, scores = self.store.executed(step)
         metrics = {"data/feasible_share": float(feasible.mean())}
@@ -198,9 +198,9 @@ class Experiment:
         metrics |= {
             f"world/{name}": value for name, value in self.world.summary([*self.store.reports(step).values()]).items()
         }
-        return Figures(step, Phase.EXECUTED, self.store.count(until=step), metrics)
+        return Metrics(step, Phase.EXECUTED, self.store.count(until=step), metrics)
 
-    def evaluation_figures(self, step: int) -> Figures:
+    def evaluation_metrics(self, step: int) -> Metrics:
         """Median regret and plans that succeeded for each world and task, accuracy for each length."""
-        metrics = figures(self.store.regret(step), self.store.accuracy(step))
-        return Figures(step, Phase.EVALUATED, self.store.count(until=step), metrics.get(step, {}))
+        metrics = metrics_of(self.store.regret(step), self.store.accuracy(step))
+        return Metrics(step, Phase.EVALUATED, self.store.count(until=step), metrics.get(step, {}))

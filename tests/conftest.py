@@ -85,5 +85,5 @@ def fake_ensemble() -> Callable[..., FakeEnsemble]:
 
 @pytest.fixture
 def no_figures(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Figures take most of the time of a tiny run, and do not always matter."""
+    """Metrics take most of the time of a tiny run, and do not always matter."""
     monkeypatch.setattr(importlib.import_module("apf.main"), "save_figures", lambda directory: None)

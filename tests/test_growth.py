@@ -174,16 +174,16 @@ def test_the_history_is_what_was_told_step_by_step(tmp_path: Path, domain: Tower
     ]
     for figures in history:
         if figures.phase == 2:
-            told = whole.evaluation_figures(figures.step)
-            assert list(figures.metrics.items()) == list(told.metrics.items())
+            told = whole.evaluation_metrics(figures.step)
+            assert list(figures.values.items()) == list(told.values.items())
             rows = store.regret()
             rows = rows[(rows["step"] == figures.step) & (rows["problem"] == 1)]
             row = rows[(rows["world"] == "noisy") & (rows["task"] == "tallest")].iloc[0]
-            assert figures.metrics["regret/noisy/tallest"] == row["regret"], "the other problem has none"
-            assert figures.metrics["success/noisy/tallest"] == 0.5
-            assert next(iter(figures.metrics)) == "regret/analytic/tallest"
+            assert figures.values["regret/noisy/tallest"] == row["regret"], "the other problem has none"
+            assert figures.values["success/noisy/tallest"] == 0.5
+            assert next(iter(figures.values)) == "regret/analytic/tallest"
             accuracy = store.accuracy(figures.step).set_index("length")["accuracy"]
-            assert figures.metrics["accuracy/3"] == accuracy[3]
+            assert figures.values["accuracy/3"] == accuracy[3]
 
 
 @pytest.mark.usefixtures("quick_disk")
@@ -237,7 +237,7 @@ def times(directory: Path, domain: TowerDomain, towers: int) -> tuple[float, flo
             assert len(store.executed(last)[0]) == EACH
             assert store.reports(last) == {}
             assert store.last_report is None
-            whole.execution_figures(last)
+            whole.execution_metrics(last)
 
     def all_of_it() -> None:
         again = Store(directory, domain)

@@ -49,7 +49,7 @@ class World(ABC):
         return Outcome(labels[0] if len(labels) == 1 else labels)
 
     def summary(self, reports: Sequence[Mapping[str, Any]]) -> dict[str, float]:
-        """Figures by name, for the curves of a run, of what this world reported of some plans."""
+        """Metrics by name, for the curves of a run, of what this world reported of some plans."""
         return {}
 
     def table(self, reports: Mapping[int, Mapping[str, Any]]) -> pd.DataFrame | None:

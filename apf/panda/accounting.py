@@ -73,7 +73,7 @@ def table(reports: Iterable[tuple[int, Mapping[str, Any]]]) -> pd.DataFrame:
 
 
 def summary(reports: Sequence[Mapping[str, Any]]) -> dict[str, float]:
-    """Figures of some plans together; medians are of pick-and-places that were done."""
+    """Metrics of some plans together; medians are of pick-and-places that were done."""
     entries = [entry for report in reports for entry in report["entries"]]
     worked = [entry for entry in entries if entry["purpose"] != INTERVENTION]
     done = [entry for entry in worked if entry["outcome"] == DONE]

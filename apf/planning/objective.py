@@ -1,4 +1,4 @@
-"""What a run returns to a sweeper that optimises: figures of its last evaluation, by the names that trackers show."""
+"""What a run returns to a sweeper that optimises: metrics of its last evaluation, by the names that trackers show."""
 
 import math
 from collections.abc import Iterable
@@ -20,15 +20,15 @@ OPTIMISERS = ("optuna", "ax", "nevergrad")
 def _listed(value: Any) -> Any:
     names = [] if value is None else [value] if isinstance(value, str) else value
     if not isinstance(names, list | tuple) or not all(isinstance(name, str) for name in names):
-        raise ValueError(f"it should be the name of a figure, a list of names, or null, not {value!r}")
+        raise ValueError(f"it should be the name of a metric, a list of names, or null, not {value!r}")
     return tuple(names)
 
 
 Objective = Annotated[tuple[str, ...], BeforeValidator(_listed)]
-"""The names of the figures that a run returns: none, one, or several for a sweeper that weighs them."""
+"""The names of the metrics that a run returns: none, one, or several for a sweeper that weighs them."""
 
 
-def figures(regret: pd.DataFrame, accuracy: pd.DataFrame) -> dict[int, dict[str, float]]:
+def metrics_of(regret: pd.DataFrame, accuracy: pd.DataFrame) -> dict[int, dict[str, float]]:
     """By step: median regret and share of plans that succeeded for each world and task, accuracy for each length.
 
     regret, accuracy: rows of the tables of these names, of one or more evaluations.
@@ -45,7 +45,7 @@ def figures(regret: pd.DataFrame, accuracy: pd.DataFrame) -> dict[int, dict[str,
 
 
 def names_of(evaluation: EvaluationSettings, tasks: Iterable[str]) -> list[str]:
-    """The names that `figures` has for evaluations of these settings."""
+    """The names that `metrics_of` has for evaluations of these settings."""
     where = [f"{world}/{task}" for world in sorted(evaluation.worlds) for task in tasks] if evaluation.problems else []
     lengths = evaluation.lengths if evaluation.test_plans else []
     kinds = [f"{kind}/{name}" for kind in ("regret", "success") for name in where]
@@ -53,17 +53,17 @@ def names_of(evaluation: EvaluationSettings, tasks: Iterable[str]) -> list[str]:
 
 
 def check_objective(objective: Objective, evaluation: EvaluationSettings, tasks: Iterable[str]) -> None:
-    """Raises InputError if no evaluation of these settings has such a figure.
+    """Raises InputError if no evaluation of these settings has such a metric.
 
     Args:
-        objective: Names of figures.
+        objective: Names of metrics.
         evaluation: The settings.
         tasks: Names of the tasks.
     """
     known = names_of(evaluation, tasks)
     for name in objective:
         if name not in known:
-            raise InputError(f"objective: there is no figure {shown(name)}; there are: {', '.join(known) or 'none'}")
+            raise InputError(f"objective: there is no metric {shown(name)}; there are: {', '.join(known) or 'none'}")
 
 
 def optimises(hydra: Any, objective: object) -> bool:
@@ -82,11 +82,11 @@ def returned(directory: Path, objective: Objective, plans: int) -> float | tuple
     """The objective of the finished run in the directory; None, a number, or one for each of several names.
 
     It is that of the last evaluation at no more than `plans` labelled plans: the run may have gone on since. NaN
-    stands for a figure that this run does not have: regret, where no candidate of any problem succeeds.
+    stands for a metric that this run does not have: regret, where no candidate of any problem succeeds.
 
     Args:
         directory: Of a finished run.
-        objective: Names of figures.
+        objective: Names of metrics.
         plans: How many labelled plans count.
     """
     if not objective:
@@ -94,7 +94,7 @@ def returned(directory: Path, objective: Objective, plans: int) -> float | tuple
     regret, accuracy = (pd.read_parquet(directory / f"{name}.parquet") for name in ("regret", "accuracy"))
     steps = [table["step"][table["plans"] <= plans] for table in (regret, accuracy)]
     last = pd.concat(steps).max()
-    found = figures(regret[regret["step"] == last], accuracy[accuracy["step"] == last]).get(last, {})
+    found = metrics_of(regret[regret["step"] == last], accuracy[accuracy["step"] == last]).get(last, {})
     values = tuple(found.get(name, math.nan) for name in objective)
     return values[0] if len(values) == 1 else values
 

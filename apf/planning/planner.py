@@ -11,11 +11,11 @@ from apf.domain import Predictor, Task
 from apf.settings import Many, settings
 
 ROUNDS = ((0.2, 0.5), (1.0,))
-"""How far through the members the looks at each prefix are, round by round. Most candidates are hopeless, and a few
+"""How far through the members the queries of each prefix are, round by round. Most candidates are hopeless, and a few
 members can tell; so half of them are asked about all prefixes before the others are."""
 
 NARROWING = 0.5
-"""Share of a wave that is followed from one look to the next."""
+"""Share of a wave that is followed from one query to the next."""
 
 GROWTH = 8
 """How many times as large the next wave is."""
@@ -35,10 +35,10 @@ class Choice:
 
 
 @dataclass(frozen=True)
-class Look:
+class Query:
     """What is computed at once of a candidate: what these members say of its prefix of this length.
 
-    silent: [prefixes] how many members were not asked yet about each prefix, this look included.
+    silent: [prefixes] how many members were not asked yet about each prefix, this query included.
     """
 
     length: int
@@ -51,16 +51,16 @@ class Look:
         return self.members.stop - self.members.start
 
 
-def _looks(lengths: range, members: int, rounds: Sequence[Sequence[float]]) -> list[Look]:
-    """All looks at a candidate, in their order."""
-    asked, looks = dict.fromkeys(lengths, 0), []
+def _queries(lengths: range, members: int, rounds: Sequence[Sequence[float]]) -> list[Query]:
+    """All queries of a candidate, in their order."""
+    asked, queries = dict.fromkeys(lengths, 0), []
     for shares in rounds:
         for length in lengths:
             for end in (math.ceil(share * members) for share in shares):
                 if end > asked[length]:
                     some, asked[length] = slice(asked[length], end), end
-                    looks.append(Look(length, some, members - np.array(list(asked.values()))))
-    return looks
+                    queries.append(Query(length, some, members - np.array(list(asked.values()))))
+    return queries
 
 
 class Pool:
@@ -79,22 +79,22 @@ class Pool:
         self.members = 1 if self.at_once else predictor.members
         by_prefix = predictor.by_prefix and not self.at_once
         lengths = range(2 if by_prefix else candidates.length, candidates.length + 1)
-        self.looks = _looks(lengths, self.members, ROUNDS)
+        self.queries = _queries(lengths, self.members, ROUNDS)
         self.bound = np.ones(len(candidates))
-        self.n_looks = np.zeros(len(candidates), np.int16)
+        self.n_queries = np.zeros(len(candidates), np.int16)
         self._sums = np.zeros((len(candidates), len(lengths)))  # of what members say of each prefix
 
     @property
     def known(self) -> np.ndarray:
         """[N] bool: is the bound P itself?"""
-        return self.n_looks == len(self.looks)
+        return self.n_queries == len(self.queries)
 
-    def look(self, number: int, rows: np.ndarray) -> None:
-        """Have look `number` at candidates [M] that had all looks before it."""
-        look = self.looks[number]
-        self._sums[rows, look.length - self.candidates.length - 1] += self._chance(rows, look) * look.n_members
-        self.bound[rows] = ((self._sums[rows] + look.silent) / self.members).prod(1)
-        self.n_looks[rows] += 1
+    def query(self, number: int, rows: np.ndarray) -> None:
+        """Ask query `number` of candidates [M] that had all queries before it."""
+        query = self.queries[number]
+        self._sums[rows, query.length - self.candidates.length - 1] += self._chance(rows, query) * query.n_members
+        self.bound[rows] = ((self._sums[rows] + query.silent) / self.members).prod(1)
+        self.n_queries[rows] += 1
 
     def promising(self, values: np.ndarray, rows: np.ndarray | slice = slice(None)) -> np.ndarray:
         """Which of these candidates (all by default) may be better, at bound x V, than the best that is known."""
@@ -107,12 +107,12 @@ class Pool:
         """P of one candidate, computed apart from all others."""
         return float(self.predictor.feasibility(self.candidates[row : row + 1], self.rng)[0])
 
-    def _chance(self, rows: np.ndarray, look: Look) -> np.ndarray:
-        plans = self.candidates.prefix(look.length)[rows]
+    def _chance(self, rows: np.ndarray, query: Query) -> np.ndarray:
+        plans = self.candidates.prefix(query.length)[rows]
         if self.at_once:
             return self.predictor.feasibility(plans, self.rng)
         if self.members > 1:
-            return self.predictor.last_feasibility(plans, look.members)
+            return self.predictor.last_feasibility(plans, query.members)
         if self.predictor.by_prefix:
             return self.predictor.last_feasibility(plans)
         return self.predictor.feasibility(plans, self.rng)
@@ -141,25 +141,25 @@ class MonteCarloPlanner:
         """
         pool = Pool(candidates, predictor, rng)
         if pool.at_once:
-            pool.look(0, np.arange(len(candidates)))
+            pool.query(0, np.arange(len(candidates)))
         return pool
 
     def plan(self, task: Task, pool: Pool) -> Choice:
         """The best of the candidates, the first among equals: branch and bound, exact.
 
-        P <= 1, and no plan is likelier to succeed than a prefix of it, so bound x V limits what a candidate can
-        reach. In waves, those of the highest limit are looked at; then some of these once more, if they may still win;
-        and so on until all is known of a few. A small wave comes first: the good plan that it finds spares most looks
-        of the next ones.
+        P <= 1, and no plan is likelier to succeed than a prefix of it. So bound x V limits what a candidate can reach.
+        The planner asks about candidates in waves, those of the highest limit first; then once more about those of a
+        wave that may still win; and so on until P is known of a few. The first wave is small: the good plan that it
+        finds spares most queries of the next waves.
         """
         values = task.value(pool.candidates)
         wave = min(self.first, self.chunk)
         while len(rows := pool.promising(values)):
             rows = _highest(wave, rows, pool.bound * values)
-            for number in range(len(pool.looks)):
-                ready = rows[pool.n_looks[rows] == number]
+            for number in range(len(pool.queries)):
+                ready = rows[pool.n_queries[rows] == number]
                 if len(ready):
-                    pool.look(number, _highest(math.ceil(wave * NARROWING**number), ready, pool.bound * values))
+                    pool.query(number, _highest(math.ceil(wave * NARROWING**number), ready, pool.bound * values))
                     rows = pool.promising(values, rows)
             wave = min(GROWTH * wave, self.chunk)
         limit, known = pool.bound * values, pool.known

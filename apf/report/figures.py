@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import cycle
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -114,57 +115,63 @@ def _panels(
 
     if mpl.get_backend().lower() != "agg":
         mpl.use("agg")
-    import matplotlib.pyplot as plt
     import seaborn as sns
 
-    centre, low, high = lines
     groups = list(dict.fromkeys(group for curves in rows.values() for group in curves["group"]))
-    outlined = len(groups) > 3  # more bands than that hide each other
-    shade = 0.05 if outlined else 0.18
     colours = dict(zip(groups, sns.color_palette("colorblind", len(groups)), strict=True))
+    cells = [(quantity, curves, value) for quantity, curves in rows.items() for value in titles]
+    columns = -(-len(titles) // 2) if len(rows) == 1 and len(titles) > 4 else len(titles)
     style: Any = {"font.size": 8, "axes.titlesize": 9, "axes.labelsize": 8, "legend.fontsize": 8, "pdf.fonttype": 42}
     with sns.axes_style("ticks", {"axes.grid": True, "grid.color": "0.92"}), mpl.rc_context(style):
-        wide, tall = PANEL
-        cells = [(quantity, curves, value) for quantity, curves in rows.items() for value in titles]
-        columns = -(-len(titles) // 2) if len(rows) == 1 and len(titles) > 4 else len(titles)
-        depth = -(-len(cells) // columns)
-        entry = 0.5 + 0.062 * max(map(len, groups))  # of the legend [inch], about
-        abreast = min(6, max(1, int(wide * columns / entry)))
-        legend_rows = -(-len(groups) // abreast) if len(groups) > 1 else 0
-        size = (max(wide * columns, entry) + 0.3, tall * depth + 0.2 * legend_rows)
-        figure, grid = plt.subplots(
-            depth, columns, figsize=size, sharex=True, sharey=True, squeeze=False, layout="constrained"
-        )
-        panels = list(grid.flat)[: len(cells)]
-        for spare in grid.flat[len(cells) :]:
-            spare.remove()
-        handles: dict[str, Line2D] = {}
+        figure, panels, abreast = _grid(len(cells), columns, groups)
         for number, ((quantity, curves, value), axes) in enumerate(zip(cells, panels, strict=True)):
-            for group in groups:
-                line = curves[(curves[column] == value) & (curves["group"] == group)].sort_values("plans")
-                marker = MARKERS[groups.index(group) % len(MARKERS)] if len(line) < 15 else None
-                (handles[group],) = axes.plot(
-                    line["plans"], line[centre], color=colours[group], marker=marker, markersize=3.5
-                )
-                axes.fill_between(line["plans"], line[low], line[high], color=colours[group], alpha=shade, linewidth=0)
-                if outlined:
-                    axes.plot(line["plans"], line[[low, high]], color=colours[group], linewidth=0.6, linestyle=":")
+            handles = _curves(axes, curves[curves[column] == value], colours, lines)
             if number < len(titles):
                 axes.set_title(titles[value], parse_math=False)
             if number >= len(cells) - columns:
                 axes.set_xlabel(f"Labelled {plural(words.plan)}")
                 axes.tick_params(labelbottom=True)
-            if axes in grid[:, 0]:
+            if number % columns == 0:
                 axes.set_ylabel(quantity, parse_math=False)
         sns.despine(figure)
         if len(groups) > 1:
-            legend = figure.legend(
-                list(handles.values()),
-                groups,
-                loc="outside upper center",
-                ncols=min(abreast, len(groups)),
-                frameon=False,
-            )
+            legend = figure.legend(handles, groups, loc="outside upper center", ncols=abreast, frameon=False)
             for text in legend.get_texts():  # names that a person gave, a `$` in them too
                 text.set_parse_math(False)
     return figure, panels
+
+
+def _grid(cells: int, columns: int, groups: Sequence[str]) -> tuple["Figure", list["Axes"], int]:
+    """A figure, its panels, and how many names of groups its legend has in a row."""
+    import matplotlib.pyplot as plt
+
+    wide, tall = PANEL
+    depth = -(-cells // columns)
+    entry = 0.5 + 0.062 * max(map(len, groups))  # of the legend [inch], about
+    abreast = min(6, len(groups), max(1, int(wide * columns / entry)))
+    legend_rows = -(-len(groups) // abreast) if len(groups) > 1 else 0
+    size = (max(wide * columns, entry) + 0.3, tall * depth + 0.2 * legend_rows)
+    figure, grid = plt.subplots(
+        depth, columns, figsize=size, sharex=True, sharey=True, squeeze=False, layout="constrained"
+    )
+    for spare in grid.flat[cells:]:
+        spare.remove()
+    return figure, list(grid.flat)[:cells], abreast
+
+
+def _curves(
+    axes: "Axes", curves: pd.DataFrame, colours: Mapping[str, Any], lines: tuple[str, str, str]
+) -> list["Line2D"]:
+    """The line and the band of each group, in one panel. Returns the lines."""
+    centre, low, high = lines
+    outlined = len(colours) > 3  # more bands than that hide each other
+    handles = []
+    for (group, colour), shape in zip(colours.items(), cycle(MARKERS)):
+        line = curves[curves["group"] == group].sort_values("plans")
+        marker = shape if len(line) < 15 else None
+        handles += axes.plot(line["plans"], line[centre], color=colour, marker=marker, markersize=3.5)
+        shade = 0.05 if outlined else 0.18
+        axes.fill_between(line["plans"], line[low], line[high], color=colour, alpha=shade, linewidth=0)
+        if outlined:
+            axes.plot(line["plans"], line[[low, high]], color=colour, linewidth=0.6, linestyle=":")
+    return handles

@@ -1,6 +1,6 @@
 """Mirrors of a run: the terminal and Weights & Biases. The run directory is the truth; these only show it."""
 
-from apf.tracking.base import Figures, NoTracker, Phase, RunInfo, Tracker, Trackers
+from apf.tracking.base import Metrics, NoTracker, Phase, RunInfo, Tracker, Trackers
 from apf.tracking.board import Board
 from apf.tracking.console import ConsoleTracker, log_end
 from apf.tracking.progress import ProgressFile
@@ -9,7 +9,7 @@ from apf.tracking.weights_and_biases import WandbTracker
 __all__ = [
     "Board",
     "ConsoleTracker",
-    "Figures",
+    "Metrics",
     "NoTracker",
     "Phase",
     "ProgressFile",

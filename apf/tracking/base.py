@@ -19,13 +19,13 @@ class Phase(IntEnum):
 
 
 @dataclass(frozen=True)
-class Figures:
+class Metrics:
     """What is to be shown of one phase of a step: numbers by name, and how many plans were labelled by then."""
 
     step: int
     phase: Phase
     plans: int
-    metrics: Mapping[str, float]
+    values: Mapping[str, float]
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class RunInfo:
     directory: Path
     config: dict[str, Any]
     group: str | None
-    history: Sequence[Figures]
+    history: Sequence[Metrics]
 
 
 class Tracker(ABC):
@@ -65,7 +65,7 @@ class Tracker(ABC):
         """
 
     @abstractmethod
-    def log(self, figures: Figures) -> None:
+    def log(self, metrics: Metrics) -> None:
         """A phase of a step is done."""
 
     @abstractmethod
@@ -80,7 +80,7 @@ class NoTracker(Tracker):
     def start(self, run: RunInfo) -> None:
         """As `Tracker.start`."""
 
-    def log(self, figures: Figures) -> None:
+    def log(self, metrics: Metrics) -> None:
         """As `Tracker.log`."""
 
     def finish(self, failed: bool) -> None:
@@ -108,10 +108,10 @@ class Trackers(Tracker):
         for tracker in self.trackers:
             tracker.begin(step, kind, number, of)
 
-    def log(self, figures: Figures) -> None:
+    def log(self, metrics: Metrics) -> None:
         """Tell each."""
         for tracker in self.trackers:
-            tracker.log(figures)
+            tracker.log(metrics)
 
     def finish(self, failed: bool) -> None:
         """Finish each."""

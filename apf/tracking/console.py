@@ -14,7 +14,7 @@ from rich.text import Text
 
 from apf.errors import InputError, Stopped
 from apf.terminal import console
-from apf.tracking.base import Figures, RunInfo, Tracker
+from apf.tracking.base import Metrics, RunInfo, Tracker
 from apf.tracking.progress import Estimate, Progress, ProgressFile, times
 
 log = logging.getLogger("apf")
@@ -97,14 +97,14 @@ class ConsoleTracker(Tracker):
         row.add_row(self._spinner, Text(now.where), bar, Text(times(now.gone, now.left, now.whole)))
         return row
 
-    def log(self, figures: Figures) -> None:
+    def log(self, metrics: Metrics) -> None:
         """One line for each topic: the part of a number's name before the slash."""
         topics: dict[str, list[str]] = {}
-        for name, value in figures.metrics.items():
+        for name, value in metrics.values.items():
             topic, _, number = name.partition("/")
             topics.setdefault(topic, []).append(f"{number} {value:.3g}")
         for topic, numbers in topics.items():
-            self.say(f"step {figures.step}, {figures.plans} plans, {topic}: {', '.join(numbers)}")
+            self.say(f"step {metrics.step}, {metrics.plans} plans, {topic}: {', '.join(numbers)}")
 
     def finish(self, failed: bool) -> None:
         """Take the bar away."""

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from apf.settings import Seconds, settings
-from apf.tracking.base import Figures, Phase, RunInfo, Tracker
+from apf.tracking.base import Metrics, Phase, RunInfo, Tracker
 
 Mode = Literal["offline", "online"]
 MODES: dict[str, Mode | None] = {
@@ -48,7 +48,7 @@ class WandbTracker(Tracker):
     project: str | None
     mode: Mode
     timeout: Seconds
-    """Seconds that a run waits for W&B's servers: when it starts, and for the last figures when it ends."""
+    """Seconds that a run waits for W&B's servers: when it starts, and for the last metrics when it ends."""
     entity: str | None = None
     _open: list[Any] = field(default_factory=list, init=False, repr=False)
     """The run, while there is one."""
@@ -63,8 +63,8 @@ class WandbTracker(Tracker):
                 self._open.append(self._opened(run, mode))
         except FAILURES as error:
             self._go_on_without(error)
-        for figures in run.history if self._open else ():
-            self.log(figures)
+        for metrics in run.history if self._open else ():
+            self.log(metrics)
 
     def _opened(self, run: RunInfo, mode: Mode) -> Any:
         """W&B's run. Raises whatever W&B raises, on its import too."""
@@ -97,13 +97,13 @@ class WandbTracker(Tracker):
         opened.define_metric("*", step_metric="plans")
         return opened
 
-    def log(self, figures: Figures) -> None:
+    def log(self, metrics: Metrics) -> None:
         """Curves over the number of labelled plans."""
-        numbers = {name: float(value) for name, value in figures.metrics.items()}
-        row = {"plans": figures.plans, "step": figures.step, **numbers}
+        numbers = {name: float(value) for name, value in metrics.values.items()}
+        row = {"plans": metrics.plans, "step": metrics.step, **numbers}
         for run in tuple(self._open):
             try:
-                run.log(row, step=figures.step * len(Phase) + figures.phase)
+                run.log(row, step=metrics.step * len(Phase) + metrics.phase)
             except FAILURES as error:
                 self._go_on_without(error)
 

@@ -14,7 +14,7 @@ import apf.launch.sweep
 from apf.errors import Stopped
 from apf.experiment import Experiment
 from apf.launch.sweep import Sweep
-from apf.planning.objective import figures, outcome, returned
+from apf.planning.objective import metrics_of, outcome, returned
 from integration.command_line import TINY, call, spawn
 
 OPTUNA = ("-m", "hydra/sweeper=optuna", "hydra.sweeper.n_jobs=1", "hydra.sweeper.sampler.seed=0")
@@ -34,7 +34,7 @@ ACCURACY = pd.DataFrame([(1, 10, 2, 0.5), (2, 12, 2, 0.75)], columns=["step", "p
 
 
 def test_figures_of_an_evaluation() -> None:
-    last = figures(REGRET, ACCURACY)[2]
+    last = metrics_of(REGRET, ACCURACY)[2]
     assert last.pop("regret/noisy/overhang") != last.get("regret/noisy/overhang"), "NaN"
     assert last == {
         "regret/analytic/tallest": 0.0,
@@ -96,9 +96,9 @@ def test_the_job_returns_it(here: Path, monkeypatch: pytest.MonkeyPatch, again: 
         ("regret/noisy/talest", ("regret/noisy/talest", "regret/noisy/tallest", "accuracy/2")),
         ("accuracy/5", ("accuracy/5", "there are", "accuracy/2")),
         ("[accuracy/2,losses]", ("'losses'", "there are")),
-        ("3", ("objective", "name of a figure", "3")),
-        ("true", ("objective", "name of a figure")),
-        ("{a: 1}", ("objective", "name of a figure")),
+        ("3", ("objective", "name of a metric", "3")),
+        ("true", ("objective", "name of a metric")),
+        ("{a: 1}", ("objective", "name of a metric")),
     ],
 )
 def test_a_figure_that_there_is_not(here: Path, objective: str, words: tuple[str, ...]) -> None:
