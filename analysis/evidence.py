@@ -19,11 +19,14 @@ class MissingError(LookupError):
 
 @dataclass(frozen=True)
 class Evidence:
-    """Regret and standing of runs on problems, accuracy of runs.
+    """Regret, success and accuracy of runs, for comparisons between names. A bootstrap draws from it.
 
-    regret: by (who, world, task, towers), regret [R, P] and whether the tower stood [R, P] of R runs on P problems.
-    accuracy: by (model, length, towers), [R]. Who is a sampler, or a predictor that does not learn. The two hold what
-    is common to all runs of one name; runs [who] are drawn alike for all that they say, problems alike for all runs.
+    A name (who) is a sampler, or a predictor that does not learn. Only evaluations that all runs of a name had count.
+
+    regret: by (who, world, task, towers): regret [R, P], and whether the tower stood [R, P], of R runs on P problems.
+    accuracy: by (model, length, towers): [R].
+    runs: by who: which runs a bootstrap drew; the same for all figures of that name.
+    problems: which problems it drew; the same for all runs.
     """
 
     regret: Regrets

@@ -61,7 +61,10 @@ class Builder:
         return labels, STOOD
 
     def _place(self, blocks: np.ndarray, goals: np.ndarray, i: int) -> str:
-        """Put placement i where it belongs; again, from wherever the block is then, while what it builds on stands."""
+        """Bring the block of placement i to its goal.
+
+        A new attempt starts from wherever the block lies then. Attempts end when the block below has fallen.
+        """
         unplanned, block, lost = 0, int(blocks[i]), False
         for _ in range(self.recovery.attempts):
             if i and not self._is_at(int(blocks[i - 1]), goals[i - 1]):

@@ -18,26 +18,26 @@ ou.setLogLevel(ou.LogLevel.LOG_NONE)  # RRT-Connect tells of each start and goal
 
 
 END = 0.05
-"""So near to either end of a motion [rad] the clearance of straight lines holds: it goes on from one, or to one."""
+"""Within this distance of its start and its goal [rad] a motion keeps the clearance `near`: straight lines end there."""
 
 
 @settings
 class MotionSettings:
-    """How motions are looked for."""
+    """How motions are planned."""
 
     clearance: Annotated[Number, Field(ge=0, le=1)] = 0.008
     """From everything, in a motion from place to place [m]."""
     near: Annotated[Number, Field(ge=0, le=1)] = 0.001
     """From everything but the block itself, in approach, lift, lower, retreat [m]."""
     step: Annotated[Number, Field(ge=0.001, le=1)] = 0.025
-    """Collisions are checked at points this far apart [rad], in the joint that moves most: at the arm's full length
-    about two clearances, so that nothing is passed through in between."""
+    """Distance between the points at which collisions are checked [rad], in the joint that moves most. At the arm's full
+    length this is about two clearances, so the arm passes through nothing between two points."""
     reach: Annotated[Number, Field(ge=0.01, le=10)] = 0.6
     """Longest branch of the tree [rad]."""
     iterations: Count = 1500
-    """Of the planner, after which it gives up."""
+    """Iterations after which the planner gives up."""
     shortcuts: Count = 40
-    """Attempts to shorten what it found."""
+    """Attempts to shorten a motion that was found."""
 
 
 def find_motion(

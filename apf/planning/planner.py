@@ -11,8 +11,8 @@ from apf.domain import Predictor, Task
 from apf.settings import Many, settings
 
 ROUNDS = ((0.2, 0.5), (1.0,))
-"""How far through the members the queries of each prefix are, round by round. Most candidates are hopeless, and a few
-members can tell; so half of them are asked about all prefixes before the others are."""
+"""Shares of the members that are asked about each prefix, round by round. Most candidates are hopeless, and a few
+members can tell. So half of the members are asked about all prefixes before the other half."""
 
 NARROWING = 0.5
 """Share of a wave that is followed from one query to the next."""
@@ -21,8 +21,8 @@ GROWTH = 8
 """How many times as large the next wave is."""
 
 TIE = 1e-5
-"""Candidates this close to the best, relatively, are scored once more, each alone: the rounding of a product of
-matrices depends on how many rows it has, and the choice must not."""
+"""Candidates within this relative distance of the best one are scored once more, each alone. The rounding of a product
+of matrices depends on its number of rows; the choice must not."""
 
 
 @dataclass(frozen=True)
@@ -64,11 +64,12 @@ def _queries(lengths: range, members: int, rounds: Sequence[Sequence[float]]) ->
 
 
 class Pool:
-    """The candidates of one problem, and what is known so far of each one's chance of success.
+    """The candidates of one problem, with an upper bound of each candidate's chance of success.
 
-    bound: [N] an upper bound of P(feasible): 1 at first, then that of ever longer prefixes, at last P itself. Members
-    that were not asked yet may say 1. known: [N] bool, whether the bound is P. All tasks of a problem share what was
-    computed.
+    All tasks of a problem share the bounds.
+
+    bound: [N] upper bound of P(feasible): 1 at first, then the bound of ever longer prefixes, at last P itself. The
+    bound assumes that members which were not asked yet say 1. known: [N] bool, is the bound P itself?
     """
 
     def __init__(self, candidates: Any, predictor: Predictor, rng: np.random.Generator) -> None:

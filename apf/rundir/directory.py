@@ -61,7 +61,7 @@ def check(directory: Path, config: dict[str, Any], domain: Domain) -> bool:
 
 
 def check_objects(directory: Path, domain: Domain) -> None:
-    """Raises InputError if objects of plans are not those that the run began with."""
+    """Raises InputError if the objects of the domain are not those with which the run began."""
     began = read_state(directory)["objects"]
     for name, digest in domain.digests.items():
         if began.get(name) != digest:
