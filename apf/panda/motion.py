@@ -18,7 +18,7 @@ ou.setLogLevel(ou.LogLevel.LOG_NONE)  # RRT-Connect tells of each start and goal
 
 
 END = 0.05
-"""Within this distance of its start and its goal [rad] a motion keeps the clearance `near`: straight lines end there."""
+"""Within this distance of its start and its goal [rad] a motion keeps the clearance `near`, as straight lines do."""
 
 
 @settings
@@ -30,8 +30,8 @@ class MotionSettings:
     near: Annotated[Number, Field(ge=0, le=1)] = 0.001
     """From everything but the block itself, in approach, lift, lower, retreat [m]."""
     step: Annotated[Number, Field(ge=0.001, le=1)] = 0.025
-    """Distance between the points at which collisions are checked [rad], in the joint that moves most. At the arm's full
-    length this is about two clearances, so the arm passes through nothing between two points."""
+    """Distance between the points at which collisions are checked [rad], in the joint that moves most. At the arm's
+    full length this is about two clearances, so the arm passes through nothing between two points."""
     reach: Annotated[Number, Field(ge=0.01, le=10)] = 0.6
     """Longest branch of the tree [rad]."""
     iterations: Count = 1500
