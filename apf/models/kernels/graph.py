@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False)
-class Prepared:
+class PreparedGraphs:
     """The inputs of the layers for N plans, side by side for each edge and node.
 
     E is 1 where all members see the same plans. D of the F features are a position.
@@ -41,7 +41,7 @@ class GraphKernel(Passes):
     replayable = True
     network: "GraphNetwork"
 
-    def prepare(self, x: Tensor, last_only: bool = False) -> Prepared:
+    def prepare(self, x: Tensor, last_only: bool = False) -> PreparedGraphs:
         """As `Passes.prepare`."""
         e, n, k, _ = x.shape
         x = x.transpose(1, 2).contiguous()
@@ -52,9 +52,9 @@ class GraphKernel(Passes):
         pairs = cat([own.index_select(1, source), own.index_select(1, target), relative], -1)
         number = graph.n_received.expand(e, -1, n, 1)
         nodes = cat([own.index_select(1, graph.placement), torch.ones_like(number), number], -1)
-        return Prepared(graph, n, pairs.flatten(1, 2), nodes.flatten(1, 2))
+        return PreparedGraphs(graph, n, pairs.flatten(1, 2), nodes.flatten(1, 2))
 
-    def batcher(self, x: Tensor, last_only: bool = False) -> Callable[[Tensor], Prepared]:
+    def batcher(self, x: Tensor, last_only: bool = False) -> Callable[[Tensor], PreparedGraphs]:
         """As `Passes.batcher`: the inputs of each example lie in one row, so that a batch is one gather."""
         prepared = self.prepare(x[None], last_only)
         parts = [part.view(-1, len(x), part.shape[2]).transpose(0, 1) for part in (prepared.pairs, prepared.nodes)]
@@ -62,7 +62,7 @@ class GraphKernel(Passes):
         (_, pairs, of_pair), (_, nodes, of_node) = (part.shape for part in parts)
         width = by_plan.shape[1]
 
-        def batch(rows: Tensor) -> Prepared:
+        def batch(rows: Tensor) -> PreparedGraphs:
             e, n = rows.shape
             drawn = by_plan.index_select(0, rows.flatten())
 
@@ -71,20 +71,20 @@ class GraphKernel(Passes):
                 return drawn.as_strided(shape, strides, start).flatten(1, 2)
 
             of_pairs, of_nodes = side_by_side(0, pairs, of_pair), side_by_side(pairs * of_pair, nodes, of_node)
-            return Prepared(prepared.graph, n, of_pairs, of_nodes)
+            return PreparedGraphs(prepared.graph, n, of_pairs, of_nodes)
 
         return batch
 
-    def logits(self, prepared: Prepared) -> Tensor:
+    def logits(self, prepared: PreparedGraphs) -> Tensor:
         """As `Passes.logits`."""
         return self._passes(prepared, learn=False)[0]
 
-    def vjp(self, prepared: Prepared) -> tuple[Tensor, Backward]:
+    def vjp(self, prepared: PreparedGraphs) -> tuple[Tensor, Backward]:
         """As `Passes.vjp`."""
         return self._passes(prepared, learn=True)
 
     @torch.inference_mode()
-    def _passes(self, prepared: Prepared, learn: bool) -> tuple[Tensor, Backward]:
+    def _passes(self, prepared: PreparedGraphs, learn: bool) -> tuple[Tensor, Backward]:
         """Logits and the way back; `learn`: keep what the way back needs."""
         graph, members = prepared.graph, len(self.parameters[0])
         pairs, nodes = (x.expand(members, -1, -1) for x in (prepared.pairs, prepared.nodes))

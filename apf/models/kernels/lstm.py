@@ -16,7 +16,7 @@ _MINUS_ONE = torch.tensor(-1.0)
 
 
 @dataclass(frozen=True, eq=False)
-class Prepared:
+class PreparedSequences:
     """The inputs of the first layer for N plans, step after step.
 
     x: [E, T x N, F] for T steps of sequences.
@@ -36,20 +36,20 @@ class LSTMKernel(Passes):
 
     replayable = True
 
-    def batcher(self, x: Tensor, last_only: bool = False) -> Callable[[Tensor], Prepared]:
+    def batcher(self, x: Tensor, last_only: bool = False) -> Callable[[Tensor], PreparedSequences]:
         """As `Passes.batcher`: the inputs of each example lie in one row, so that a batch is one gather."""
         placements, counts = _placements(x.shape[1], last_only, x.device)
         by_plan = x.index_select(1, placements).flatten(1)
 
-        def batch(rows: Tensor) -> Prepared:
+        def batch(rows: Tensor) -> PreparedSequences:
             e, n = rows.shape
             drawn = by_plan.index_select(0, rows.flatten()).view(e, n, len(placements), -1)
-            return Prepared(n, [count * n for count in counts], drawn.transpose(1, 2).flatten(1, 2))
+            return PreparedSequences(n, [count * n for count in counts], drawn.transpose(1, 2).flatten(1, 2))
 
         return batch
 
     @torch.inference_mode()
-    def vjp(self, prepared: Prepared) -> tuple[Tensor, Backward]:
+    def vjp(self, prepared: PreparedSequences) -> tuple[Tensor, Backward]:
         """As `Passes.vjp`."""
         *layers, weight, bias, last_weight, last_bias = self.parameters
         weights, biases = layers[::2], layers[1::2]
