@@ -25,7 +25,13 @@ class SweepLauncher(Launcher):
         self.engine = engine
 
     def setup(self, *, hydra_context: HydraContext, task_function: TaskFunction, config: DictConfig) -> None:
-        """Called once, before `launch`."""
+        """Hydra calls this once, before `launch`.
+
+        Args:
+            hydra_context: Hydra's loaders of this sweep.
+            task_function: Not used: each run is a process of its own.
+            config: The config of the sweep.
+        """
         from apf.launch.composing import Composer
         from apf.launch.sweep import run_here
 
