@@ -1,4 +1,4 @@
-"""What a planner asks for the chance of success: a learned model, or one that knows the physics."""
+"""Predictors: a planner asks one for P(feasible). A predictor is a learned model, or one that knows the physics."""
 
 from abc import ABC, abstractmethod
 from typing import Any, ClassVar
@@ -9,23 +9,24 @@ from apf.domain.domain import Domain
 
 
 class Predictor(ABC):
-    """Anything that answers P(feasible) of a batch of plans."""
+    """Judges plans: gives P(feasible) for each plan of a batch."""
 
     for_domain: ClassVar[type[Domain] | None] = None
-    """Whose plans it judges; None: any domain's."""
+    """The domain whose plans the predictor can judge; None: any domain."""
 
     by_prefix: bool = False
-    """Is P the product of `last_feasibility` over prefixes? Then a planner can drop a plan because of one prefix."""
+    """Is P(feasible) of a plan the product of `last_feasibility` over its prefixes? Then a planner can drop a plan
+    because of one prefix."""
 
     random: bool = False
-    """Does the predictor draw from `rng`? Then two questions may have two answers, and a planner asks once."""
+    """Does the predictor draw from `rng`? Then the same plan may get another P each time, and a planner asks once."""
 
     members: int = 1
-    """P, or each of its factors, is the mean over so many members. A planner can then drop a plan after it has asked
-    some of the members, by `last_feasibility`."""
+    """Number of members, e.g. networks, over which P(feasible) is a mean; with `by_prefix`, each factor of P is. With
+    several members a planner can ask some of them, by `last_feasibility`, and drop a plan before it asks the others."""
 
     together: bool = False
-    """Do many plans take about as long as a few? Then a planner asks about all plans at once."""
+    """Does the predictor judge many plans about as fast as a few? Then a planner asks about all plans at once."""
 
     @abstractmethod
     def feasibility(self, plans: Any, rng: np.random.Generator) -> np.ndarray:
@@ -34,7 +35,8 @@ class Predictor(ABC):
     def last_feasibility(self, plans: Any, members: slice = slice(None)) -> np.ndarray:
         """[N] mean over these members of the probability that the last placement succeeds.
 
-        With `by_prefix` this is the probability given that all placements before the last one succeeded, else that of
-        the whole plan. A planner asks for it if `by_prefix`, or if there are several members.
+        With `by_prefix` this probability is conditional: all placements before the last one succeeded. Without
+        `by_prefix` the probability is that of the whole plan. A planner calls this method if `by_prefix` is set, or if
+        there are several members.
         """
         raise TypeError(f"{type(self).__name__} judges whole plans only")

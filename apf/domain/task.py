@@ -12,10 +12,10 @@ class Task(ABC):
     """An objective function V(a) of the evaluation phase."""
 
     for_domain: ClassVar[type[Domain] | None] = None
-    """Whose plans it values; None: any domain's."""
+    """The domain whose plans the task can value; None: any domain."""
 
     title: ClassVar[str] = ""
-    """What figures call it; by default its name in the config."""
+    """The task's name in figures; by default its name in the config."""
 
     unit: str
     """Unit of the value, for tables and figures."""

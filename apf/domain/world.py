@@ -1,4 +1,4 @@
-"""What the experiment asks of a world: carry out plans, say which prefixes stood (detailedPlanEx)."""
+"""Worlds: a world carries out plans and says which prefixes succeeded (the paper's detailedPlanEx)."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
@@ -16,7 +16,10 @@ from apf.interrupts import TimeLimitError, time_limit
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What came of one plan: its labels [K], and what the world measured and how it was left, as JSON can hold it."""
+    """The result of one plan: its labels [K], and the world's report.
+
+    report: what the world measured, and its state after the plan, as JSON can hold it. None: the world reports nothing.
+    """
 
     labels: np.ndarray
     report: dict[str, Any] | None = None
@@ -26,7 +29,7 @@ class World(ABC):
     """Where plans are executed."""
 
     for_domain: ClassVar[type[Domain] | None] = None
-    """Whose plans it can execute; None: any domain's."""
+    """The domain whose plans the world can execute; None: any domain."""
 
     @abstractmethod
     def execute(self, plans: Any, rng: np.random.Generator) -> np.ndarray:
@@ -49,11 +52,11 @@ class World(ABC):
         return Outcome(labels[0] if len(labels) == 1 else labels)
 
     def summary(self, reports: Sequence[Mapping[str, Any]]) -> dict[str, float]:
-        """Metrics by name, for the curves of a run, of what this world reported of some plans."""
+        """Metrics by name, for the curves of a run, computed from this world's reports of some plans."""
         return {}
 
     def table(self, reports: Mapping[int, Mapping[str, Any]]) -> pd.DataFrame | None:
-        """What this world reported of plans, by their numbers, as a table; None: it reports nothing."""
+        """This world's reports, by the numbers of the plans, as a table; None: the world reports nothing."""
         return None
 
     @property
@@ -67,11 +70,11 @@ class World(ABC):
         Args:
             domain: Of the plans.
             length: The largest number of placements.
-            evaluation: Are they made of the objects of the evaluation, or of those of the experiment?
+            evaluation: Are the plans made of the objects of the evaluation, or of those of the experiment?
         """
 
     def close(self) -> None:  # noqa: B027
-        """Give back what the world holds, if it holds anything."""
+        """Release the world's resources, e.g. a simulator."""
 
 
 def carry_out(
@@ -82,9 +85,7 @@ def carry_out(
     what: str,
     before: Mapping[str, Any] | None = None,
 ) -> Outcome:
-    """What came of one plan (N = 1), which may take `limit` seconds; `before` as `World.attempt` takes it.
-
-    Raises Stopped, saying `what` was tried, if the world fails, takes longer, or answers no labels.
+    """Carry out one plan in a world, and check the labels that come back.
 
     Args:
         world: Where.
@@ -92,7 +93,10 @@ def carry_out(
         rng: The source of all draws.
         limit: Seconds that the plan may take; None: as long as it likes.
         what: How messages call the plan.
-        before: As `World.attempt` takes it.
+        before: The report of the plan before this one, as in `World.attempt`.
+
+    Raises:
+        Stopped: The world failed, took longer than `limit`, or returned no valid labels; the message names `what`.
     """
     try:
         with time_limit(limit):

@@ -29,21 +29,21 @@ ONE_LINE = (*MISTAKES, Stopped)
 FOLLOWER = "APF_ENDS_WITH_PARENT"
 """Environment variable of a process that ends when its standard input closes."""
 NOT_CHOSEN = r"Could not override '([^']*)'\. No match in the defaults list\.\nTo append to .* use \+[^=]*=(.*)"
-"""What Hydra says of the choice of a group that its defaults list does not hold."""
+"""Hydra's message about a config group that the defaults list does not hold."""
 GRAMMAR = re.compile(
     r"LexerNoViableAlt|mismatched input|extraneous input|no viable alternative|token recognition error"
 )
-"""What Hydra's parser says of a text that its grammar does not know."""
+"""Messages of Hydra's parser about a text that its grammar does not accept."""
 LONG = 200
-"""Characters of a word that are always shown."""
+"""Number of characters that a message shows of a very long word."""
 _show_traceback = os.environ.get("HYDRA_FULL_ERROR") == "1"
 _in_job = False
 
 
 def one_line_errors(job: Callable[[DictConfig], Any]) -> Callable[[DictConfig], Any]:
-    """Decorates a Hydra job: a user's mistake in it ends the process with one line and exit code 1.
+    """Decorates a Hydra job: a user's mistake in the job ends the process with one line and exit code 1.
 
-    In a sweep that shares this process it does not end the others: Hydra goes on, and names it when it has done all.
+    In a sweep whose jobs share this process, a mistake does not end the other jobs: Hydra reports it after the last.
     """
 
     @functools.wraps(job)
@@ -64,9 +64,9 @@ def one_line_errors(job: Callable[[DictConfig], Any]) -> Callable[[DictConfig], 
 def run_command(
     command: Callable[[], object], rewrite: Callable[[list[str]], list[str]] = lambda arguments: arguments
 ) -> None:
-    """Run a Hydra command; whatever keeps it from starting its job also ends in one line and exit code 1.
+    """Run a Hydra command. An error before its job starts also ends in one line and exit code 1.
 
-    rewrite: what becomes of the arguments before Hydra sees them. Set HYDRA_FULL_ERROR=1 to see tracebacks.
+    rewrite: changes the arguments before Hydra sees them. HYDRA_FULL_ERROR=1 shows tracebacks.
     """
     global _in_job
     _in_job = False

@@ -66,7 +66,17 @@ class Sweep:
     """All runs of one sweep command."""
 
     def __init__(self, context: HydraContext, config: DictConfig, jobs: int | str, engine: Launcher | None) -> None:
-        """jobs: runs at once, or `auto`; for the engine, if there is one, it means nothing."""
+        """No job is started yet.
+
+        Args:
+            context: Hydra's loaders.
+            config: The config of the sweep.
+            jobs: Number of runs at once, or `auto`. An engine ignores this number.
+            engine: Another launcher, to which the runs are handed; None: they run on this machine.
+
+        Raises:
+            InputError: `jobs` is neither `auto` nor a positive number, or the sweeper needs an objective.
+        """
         if engine is None and jobs != "auto" and (type(jobs) is not int or jobs < 1):
             raise InputError(f"hydra.launcher.jobs is {jobs!r}; it must be auto or a positive number")
         self.context, self.config, self.jobs, self.engine = context, config, jobs, engine
@@ -81,15 +91,17 @@ class Sweep:
         self.optimised = optimises(config.hydra, config.get("objective"))
 
     def run(self, job_overrides: Sequence[Sequence[str]], first: int) -> list[JobReturn]:
-        """Do what is missing, and tell what came of it. What is returned raises Stopped for a run that did not finish.
+        """Start the runs that are missing, wait for them, and print a summary.
 
-        Returns what each list of overrides came to, in their order: the objective, if there is one.
+        Returns:
+            For each list of overrides, in their order, Hydra's record of the job. Its `return_value` is the objective,
+            if there is one; for a run that did not finish, it raises Stopped.
         """
         jobs: dict[Path, Job] = {}
         asked: list[tuple[list[str], Path]] = []
         for number, overrides in enumerate(job_overrides, first):
             job = self.prepare(list(overrides), number)
-            jobs.setdefault(job.directory, job)  # what differs in nothing that matters is one run
+            jobs.setdefault(job.directory, job)  # jobs of one directory are one run
             asked.append((job.overrides, job.directory))
         missing = [job for job in jobs.values() if not job.state]
         try:
@@ -108,7 +120,7 @@ class Sweep:
         return [outcome(o, job.directory, job.value, stopped if job.failed else None) for o, job in came]
 
     def prepare(self, overrides: list[str], number: int) -> Job:
-        """Compose and check one job. One that has finished, or is a mistake, need not be started."""
+        """Compose and check one job. A job that has finished, or whose config is wrong, is not started."""
         config = self.context.config_loader.load_sweep_config(self.config, overrides)
         with open_dict(config):
             config.hydra.job.id = config.hydra.job.num = number
@@ -140,7 +152,7 @@ class Sweep:
         return job
 
     def validated(self, config: DictConfig, values: dict[str, Any]) -> Config:
-        """What `validate` gives, its parts made once for all jobs that have the same. values: the plain config."""
+        """The checked config of a job. Jobs with the same parts share the objects. values: the job's plain config."""
         parts = {key: value for key, value in values.items() if isinstance(value, dict)}
         settings = json.dumps(parts)
         if settings not in self.built:

@@ -61,9 +61,16 @@ class Evaluator:
         on_progress: Callable[[int, str, int, int], None] = lambda step, kind, number, of: None,
         time_limit: float | None = None,
     ) -> None:
-        """on_progress: is told the step, the kind of work that begins, and which unit of how many.
+        """Nothing is computed yet.
 
-        time_limit: seconds that one chosen plan may take in the world.
+        Args:
+            settings: Numbers of problems and test plans, and the worlds.
+            domain: The domain of the plans.
+            planner: Chooses a plan for each problem.
+            tasks: By their names in the config.
+            on_progress: Is called when a unit of work begins, with the step, the kind of work, the unit's number and
+                the number of units.
+            time_limit: Seconds that one chosen plan may take in a world; None: no limit.
         """
         self.settings, self.domain, self.planner, self.tasks = settings, domain, planner, tasks
         self.on_progress, self.time_limit = on_progress, time_limit
@@ -108,8 +115,8 @@ class Evaluator:
     def accuracy(self, predictor: Predictor, step: int, labelled: int) -> pd.DataFrame:
         """[lengths rows, ACCURACY_COLUMNS]: share of test plans that the predictor calls right at P > 1/2.
 
-        auc: the chance that it gives a plan that succeeds a higher probability than one that does not, which no choice
-        of threshold touches.
+        auc: area under the ROC curve, the chance that a feasible plan gets a higher probability than an infeasible one.
+        The area does not depend on the threshold of 1/2.
 
         Args:
             predictor: Judges the test plans.
@@ -135,7 +142,7 @@ class Evaluator:
         return self._test_sets[length]
 
     def _problems(self) -> Iterator[tuple[int, Any]]:
-        """Drawn afresh each time: that takes less than keeping them would cost in memory."""
+        """The number and the candidates of each problem. They are drawn again each time, which saves memory."""
         for problem in range(self.settings.problems):
             rng = stream(self.settings.seed, "problem", problem)
             yield problem, self.domain.problem(self.settings.length, self.planner.candidates, rng)

@@ -12,4 +12,4 @@ class Learned:
     """Stands for the ensemble that the run itself trains."""
 
     odds: Annotated[Number, Field(gt=0, le=1000)]
-    """What the odds of each placement are multiplied by when plans are judged; what to try next is chosen without."""
+    """Factor for the odds of each placement when plans are judged. Acquisition does not use this factor."""

@@ -15,10 +15,11 @@ ROUNDS = ((0.2, 0.5), (1.0,))
 members can tell. So half of the members are asked about all prefixes before the other half."""
 
 NARROWING = 0.5
-"""Share of a wave that is followed from one query to the next."""
+"""Share of a wave's candidates that get the next query too: those of the highest limit."""
 
 GROWTH = 8
-"""How many times as large the next wave is."""
+"""The size of the next wave, as a multiple of this one's. A wave is a set of candidates that get their queries
+together."""
 
 TIE = 1e-5
 """Candidates within this relative distance of the best one are scored once more, each alone. The rounding of a product
@@ -36,9 +37,9 @@ class Choice:
 
 @dataclass(frozen=True)
 class Query:
-    """What is computed at once of a candidate: what these members say of its prefix of this length.
+    """One question about a candidate: how likely do these members call its prefix of this length?
 
-    silent: [prefixes] how many members were not asked yet about each prefix, this query included.
+    silent: [prefixes] number of members that have not judged each prefix after this query.
     """
 
     length: int
@@ -47,7 +48,7 @@ class Query:
 
     @property
     def n_members(self) -> int:
-        """How many are asked."""
+        """Number of members that the query asks."""
         return self.members.stop - self.members.start
 
 
@@ -73,6 +74,13 @@ class Pool:
     """
 
     def __init__(self, candidates: Any, predictor: Predictor, rng: np.random.Generator) -> None:
+        """No query has been asked yet.
+
+        Args:
+            candidates: N plans of one length.
+            predictor: Judges the candidates.
+            rng: The source of the predictor's draws.
+        """
         self.candidates = candidates
         self.predictor = predictor
         self.rng = rng
@@ -83,7 +91,7 @@ class Pool:
         self.queries = _queries(lengths, self.members, ROUNDS)
         self.bound = np.ones(len(candidates))
         self.n_queries = np.zeros(len(candidates), np.int16)
-        self._sums = np.zeros((len(candidates), len(lengths)))  # of what members say of each prefix
+        self._sums = np.zeros((len(candidates), len(lengths)))  # of the members' probabilities of each prefix
 
     @property
     def known(self) -> np.ndarray:
@@ -98,7 +106,7 @@ class Pool:
         self.n_queries[rows] += 1
 
     def promising(self, values: np.ndarray, rows: np.ndarray | slice = slice(None)) -> np.ndarray:
-        """Which of these candidates (all by default) may be better, at bound x V, than the best that is known."""
+        """Those of the candidates `rows` (default: all) whose bound x V may still exceed the best known P x V."""
         limit, known = self.bound * values, self.known
         best = limit[known].max(initial=0.0)
         open_ = ~known & (limit >= best * (1 - TIE)) & (limit > 0)
@@ -133,7 +141,8 @@ class MonteCarloPlanner:
     def pool(self, candidates: Any, predictor: Predictor, rng: np.random.Generator) -> Pool:
         """The candidates of a problem, for `plan`.
 
-        A predictor that draws, or that answers about many in the time of a few, is asked once, about all of them.
+        A predictor that draws at random is asked once, about all candidates. So is one that judges many plans about as
+        fast as a few.
 
         Args:
             candidates: Plans of one length.
@@ -148,10 +157,10 @@ class MonteCarloPlanner:
     def plan(self, task: Task, pool: Pool) -> Choice:
         """The best of the candidates, the first among equals: branch and bound, exact.
 
-        P <= 1, and no plan is likelier to succeed than a prefix of it. So bound x V limits what a candidate can reach.
-        The planner asks about candidates in waves, those of the highest limit first; then once more about those of a
-        wave that may still win; and so on until P is known of a few. The first wave is small: the good plan that it
-        finds spares most queries of the next waves.
+        No plan is likelier to succeed than a prefix of it. So bound x V is an upper limit of a candidate's expected
+        value. The planner takes the candidates in waves, those of the highest limit first. Each query of a wave goes
+        only to candidates that may still win, until P is known of a few. The first wave is small: the good plan that
+        this wave finds spares most queries of the next waves.
         """
         values = task.value(pool.candidates)
         wave = min(self.first, self.chunk)
@@ -174,5 +183,5 @@ class MonteCarloPlanner:
 
 
 def _highest(n: int, rows: np.ndarray, limit: np.ndarray) -> np.ndarray:
-    """Those n of rows [M] that have the highest limit [N], or all if they are fewer."""
+    """The n of these rows [M] that have the highest limit [N]; all rows if there are fewer than n."""
     return rows if len(rows) <= n else rows[np.argpartition(-limit[rows], n)[:n]]

@@ -30,13 +30,13 @@ HOLDER = re.compile(r"process \d+ on \S+")
 
 @dataclass(frozen=True)
 class Claim:
-    """A directory that this process holds. before: the names of what was there when it came."""
+    """A directory that this process has locked. before: names of the files and folders that were there before."""
 
     directory: Path
     before: frozenset[str]
 
     def abandon(self, domain: Domain) -> None:
-        """Take back what was made here for a run of this domain that never came to its first record, nothing else."""
+        """Remove what this process made for a run that ended before its first record. All other files stay."""
         if JOURNAL not in self.before and not is_new(self.directory):
             return
         for name in (*FIRST[::-1], *domain.object_files, LOG, LOCK):

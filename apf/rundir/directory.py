@@ -27,14 +27,19 @@ NOT_KEPT = ("hydra.mode", "hydra.run.", "hydra.sweep", "hydra/sweeper", "hydra.l
 
 
 def check(directory: Path, config: dict[str, Any], domain: Domain) -> bool:
-    """Could this run be the one that the directory holds, if it holds one? Returns whether that has gone as far.
-
-    Raises InputError, naming the keys that differ, if another run lives there, or if it goes on in another way.
+    """Check that this run may use the directory: the directory holds no run, or holds this one.
 
     Args:
         directory: May hold a run.
         config: The plain config of this run.
-        domain: Of this run.
+        domain: The domain of this run.
+
+    Returns:
+        Whether the run in the directory has finished, with at least as many plans as the config asks for.
+
+    Raises:
+        InputError: The directory holds a run of another config (the message names the keys that differ), a run whose
+            files are damaged or missing, or one that cannot go on with this number of plans.
     """
     if not holds_run(directory):
         return False
@@ -72,7 +77,9 @@ def check_objects(directory: Path, domain: Domain) -> None:
 
 
 def begin(directory: Path, config: dict[str, Any], domain: Domain, tasks: Mapping[str, Task]) -> None:
-    """Make the (locked) directory this run's own, unless it is already; config.yaml, written last, says that it is.
+    """Write the first files of a run into the (locked) directory, unless the run has begun there already.
+
+    `config.yaml` is written last: a directory that has it holds a run.
 
     Args:
         directory: Where the run is to be.
@@ -81,7 +88,7 @@ def begin(directory: Path, config: dict[str, Any], domain: Domain, tasks: Mappin
         tasks: By their names in the config.
 
     Raises:
-        InputError: As `check` does; or something there is the user's and would be overwritten: it names the file.
+        InputError: As in `check`; or a file of the user's would be overwritten (the message names this file).
     """
     if check(directory, config, domain):
         return
@@ -142,14 +149,15 @@ def check_written(directory: Path, config: dict[str, Any], state: dict[str, Any]
 
 
 def follows(group: str, choices: Mapping[str, Any]) -> bool:
-    """Is this group's choice made by another's, as that of `world/noisy` is by `world: noisy` and the domain?"""
+    """Does this group's choice follow from another group's, as that of `world/noisy` follows from `world: noisy`?"""
     name, _, package = group.partition("@")
     parent, _, option = name.rpartition("/")
     return bool(parent) and choices.get(parent if package in ("", parent) else f"{parent}@{package}") == option
 
 
 def as_typed(overrides: Any) -> list[str]:
-    """Overrides of a command line, no interpolation resolved: what they refer to may be another thing elsewhere."""
+    """Overrides of a command line as they were typed. Interpolations stay unresolved: they may mean another value
+    elsewhere."""
     return OmegaConf.to_container(overrides, resolve=False)  # type: ignore[return-value]
 
 
@@ -159,7 +167,7 @@ def holds_run(directory: Path) -> bool:
 
 
 def lengthen(directory: Path, config: dict[str, Any]) -> None:
-    """Note that the run goes farther now, if it does."""
+    """If the config asks for another number of plans than before, write it, and mark the run as unfinished."""
     kept = read_config(directory)
     if kept[LENGTH] != config[LENGTH]:
         reopen(directory)
@@ -167,7 +175,7 @@ def lengthen(directory: Path, config: dict[str, Any]) -> None:
 
 
 def finish(directory: Path, journal: Journal) -> None:
-    """Note that the run has finished, how far its journal goes, and how that, tables and weights look."""
+    """Write into `run.yaml` that the run has finished, where its journal ends, and the checksums of its files."""
     weights = [f"weights/{path.name}" for path in sorted((directory / "weights").glob("*.safetensors"))]
     reported = [WORLD_TABLE] if (directory / WORLD_TABLE).exists() else []
     files = {name: checksum(directory / name) for name in (JOURNAL, *TABLES, *reported, *weights)}
@@ -176,12 +184,12 @@ def finish(directory: Path, journal: Journal) -> None:
 
 
 def reopen(directory: Path) -> None:
-    """Note that a finished run has something to do again."""
+    """Write into `run.yaml` that the run is unfinished again."""
     write_yaml(directory / STATE, {**read_state(directory), "finished": False})
 
 
 def finished(directory: Path) -> bool:
-    """Has the run there finished, and are its journal, tables and weights still what they were?"""
+    """Has the run in the directory finished, and do its journal, tables and weights still have the same checksums?"""
     if not (directory / STATE).exists():
         return False
     state = read_state(directory)
@@ -209,7 +217,10 @@ def hydra_arguments(hydra: Any) -> list[str]:
 
 @contextlib.contextmanager
 def resumable(directory: Path) -> Iterator[None]:
-    """What ends the run says how to go on with it; a mistake before its first record passes as it is."""
+    """Context: an error that ends the run gets a message that says how to resume the run.
+
+    A user's mistake before the first record passes unchanged: there is nothing to resume.
+    """
     how = f"go on with: python -m apf.main resume={shlex.quote(str(directory))}"
     try:
         yield

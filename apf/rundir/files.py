@@ -15,14 +15,14 @@ from apf.errors import InputError
 HALF = re.compile(r"\..+\.[0-9a-f]{8}\.apf-part")
 """Names of files that `replacing` has not finished."""
 SAFE_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-"""The one in C, where PyYAML has it, takes a tenth of the time."""
+"""PyYAML's loader. The one in C, where PyYAML has it, takes a tenth of the time."""
 
 
 @contextlib.contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Where to write what then takes the place of `path`, in one step and on the disk; or, on an error, does not.
+    """Context: gives the path of a temporary file, which then replaces `path` in one step, synced to the disk.
 
-    The file gets the mode of any new file, whatever mode a library writes it with.
+    On an error `path` stays as before. The file gets the mode of any new file, even if a library sets another mode.
     """
     half = path.with_name(f".{path.name}.{secrets.token_hex(4)}.apf-part")
     try:
@@ -40,7 +40,7 @@ def replacing(path: Path) -> Iterator[Path]:
 
 
 def remove_unfinished(folder: Path) -> None:
-    """Remove what a killed process left of files that it was writing there."""
+    """Remove the temporary files that a killed process left in the folder."""
     for path in folder.glob(".*.apf-part"):
         if HALF.fullmatch(path.name):
             path.unlink(missing_ok=True)

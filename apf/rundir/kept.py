@@ -31,11 +31,11 @@ class Summary(_Kept):
     hash: str
     sweep: Name | None
     choices: dict[str, Choice | list[Choice]]
-    """Of each config group."""
+    """The chosen option of each config group."""
     words: dict[str, str]
-    """What plans and objects are called."""
+    """The domain's words for plans and objects."""
     titles: dict[str, str]
-    """Of each task, for figures."""
+    """The title of each task in figures."""
     versions: dict[str, str]
     finished: Switch
     seconds: Annotated[Number, Field(ge=0)]
@@ -48,11 +48,11 @@ class State(Summary):
     overrides: list[str]
     cwd: Annotated[str, Field(min_length=1)]
     objects: dict[str, str]
-    """How the files of the objects of plans look."""
+    """Digests of the sets of objects, by the names of their files."""
     journal: End | None = None
     """Where the journal ended, once the run has finished."""
     files: dict[Annotated[str, Field(pattern=r"^[^/\x00]+(/[^/\x00]+)?$")], str | None] = {}
-    """How the journal, tables and weights look, once the run has finished."""
+    """Checksums of the journal, tables and weights, once the run has finished."""
 
 
 class Initial(_Kept):

@@ -32,17 +32,17 @@ SYMBOL = {1: "1", 0: "0", -1: "-"}
 VALUE = {symbol: label for label, symbol in SYMBOL.items()}
 
 GROWTH = 1.1
-"""Tables are written at an evaluation if so many times as many plans are labelled as when they last were: over a run
-the rows that are written then stay in proportion to those of its last tables."""
+"""An evaluation writes the tables if the number of labelled plans has grown by this factor since the last time. Over a
+whole run, the number of written rows then stays in proportion to the rows of the last tables."""
 
 
 @dataclass
 class Proposal:
-    """A plan that was proposed, and what is known of it.
+    """A proposed plan and its records.
 
-    labels: None until the plan is executed. score: None for initial plans. report: what the world told of the
-    execution besides the labels, if anything. corrected: the labels are not those first recorded. outdated: the model
-    that chose the plan had learned from a label that was corrected since.
+    labels: None until the plan is executed. score: None for initial plans. report: the world's report of the execution;
+    None: the world reported nothing. corrected: a person has corrected the labels. outdated: the model that chose the
+    plan had learned from a label that was corrected later.
     """
 
     number: int
@@ -57,7 +57,7 @@ class Proposal:
 
     @property
     def note(self) -> str | None:
-        """As `plans.parquet` says it."""
+        """The text in the column `note` of `plans.parquet`; None: nothing to note."""
         notes = ["corrected"] * self.corrected + ["chosen before a correction"] * self.outdated
         return "; ".join(notes) or None
 

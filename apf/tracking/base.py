@@ -1,4 +1,4 @@
-"""What a mirror of a run is told."""
+"""Trackers: a tracker mirrors a run, on the terminal or at Weights & Biases."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
@@ -11,7 +11,7 @@ from apf.settings import settings
 
 
 class Phase(IntEnum):
-    """What was done of a step, in the order in which it is done."""
+    """The phases of a step, in their order."""
 
     EXECUTED = 0
     LEARNED = 1
@@ -20,7 +20,7 @@ class Phase(IntEnum):
 
 @dataclass(frozen=True)
 class Metrics:
-    """What is to be shown of one phase of a step: numbers by name, and how many plans were labelled by then."""
+    """Metrics of one phase of a step, by name; plans: the number of labelled plans by then."""
 
     step: int
     phase: Phase
@@ -30,10 +30,10 @@ class Metrics:
 
 @dataclass(frozen=True)
 class RunInfo:
-    """What a mirror should know of a run when it starts, or goes on.
+    """A run, as a tracker is told of it when the run starts or is resumed.
 
-    id: the same however often the run goes on, until a label is corrected. group: the sweep that it belongs to, or
-    None. history: all that was shown of it before.
+    id: stays the same when the run is resumed; a corrected label changes it. group: the sweep that the run belongs to,
+    or None. history: all earlier metrics of the run.
     """
 
     name: str
@@ -45,23 +45,23 @@ class RunInfo:
 
 
 class Tracker(ABC):
-    """Shows the progress of one run. Used as a context: it ends when the run does, however that is."""
+    """Shows the progress of one run."""
 
     @abstractmethod
     def start(self, run: RunInfo) -> None:
-        """The run begins, or goes on."""
+        """The run starts, or is resumed."""
 
     def plan(self, steps: int, work: Mapping[str, int]) -> None:  # noqa: B027
-        """What is to come until the last of the `steps`: how many units of each kind of work."""
+        """Announce the work until the last of the `steps`: the number of units of each kind."""
 
     def begin(self, step: int, kind: str, number: int = 1, of: int = 1) -> None:  # noqa: B027
-        """In this step, now unit `number` of `of` of a kind of work; the one before it is over.
+        """A unit of work begins; the unit before it is over.
 
         Args:
-            step: Of the run.
+            step: The current step of the run.
             kind: The kind of work.
-            number: Of the unit, from 1.
-            of: How many units this step has.
+            number: The unit's number in this step, from 1.
+            of: The number of units of this kind in this step.
         """
 
     @abstractmethod

@@ -16,10 +16,17 @@ from apf.tracking.progress import Progress, ProgressFile, clock, still, times
 
 
 class Board:
-    """What is known of the runs of a sweep that are done and that go on. Used from several threads."""
+    """Shows the runs of a sweep that go on, and the time that is left. Several threads may use it."""
 
     def __init__(self, console: Console, total: int, done: int, at_once: int) -> None:
-        """total: runs in all. done: of which there is nothing to do any more. at_once: how many go on together."""
+        """No run goes on yet.
+
+        Args:
+            console: The terminal.
+            total: Number of runs of the sweep.
+            done: Number of runs that have ended already.
+            at_once: Number of runs that go on together.
+        """
         self.console, self.total, self.done, self.at_once = console, total, done, at_once
         self._begun = time.monotonic()
         self._took: list[float] = []
@@ -29,7 +36,7 @@ class Board:
 
     @contextlib.contextmanager
     def shown(self) -> Iterator[None]:
-        """On a terminal, show it all meanwhile."""
+        """Context: on a terminal, the board is shown until the context ends."""
         if not self.console.is_terminal:
             yield
             return
@@ -39,7 +46,7 @@ class Board:
                 yield
 
     def started(self, name: str) -> Path | None:
-        """A run has begun. Returns the file by which it should tell how far it is, if anybody looks."""
+        """A run has begun. Returns the file into which the run should write its progress; None: no board is shown."""
         path = self._folder / str(next(self._numbers)) if self._folder else None
         self._running[name] = (time.monotonic(), path)
         return path
@@ -54,7 +61,7 @@ class Board:
         return self._took[-1]
 
     def left(self) -> tuple[float, bool]:
-        """Seconds until all are done, at least; and is something known of all of them?"""
+        """Seconds until all runs are done, at least; and whether this estimate covers all runs."""
         return left_of_all(list(self._told().values()), self._took, self.total - self.done, self.at_once)
 
     def _told(self) -> dict[str, tuple[float, Progress | None]]:
@@ -90,9 +97,10 @@ class Board:
 def left_of_all(
     running: list[tuple[float, Progress | None]], took: list[float], undone: int, at_once: int
 ) -> tuple[float, bool]:
-    """Seconds until runs are done, of which `at_once` go on together; and is something known of all of them?
+    """Seconds until all runs are done, at least; and whether this estimate covers all runs.
 
-    A run that goes on or has not begun takes what others took, or what those that go on expect to.
+    A run that goes on may know the time that it still takes. Every other run is expected to take the mean time of the
+    runs that have ended; if none has, the mean of the times that the runs that go on expect.
 
     Args:
         running: Of each run that goes on, the seconds since it began, and what it tells.

@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 RECENT = 20
-"""Units of a kind, the last ones, whose mean time is expected of those to come."""
+"""Number of recent units of a kind whose mean time is the estimate for the next units of this kind."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class Progress:
 
 
 class Estimate:
-    """Times work that comes in units of several kinds: one to come takes what those of its kind took of late."""
+    """Estimates the time that is left. Work comes in units of several kinds, each with its own recent mean time."""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
@@ -54,7 +54,7 @@ class Estimate:
         self._now: tuple[str, float] | None = None
 
     def plan(self, work: Mapping[str, int]) -> None:
-        """All units of each kind that are to come."""
+        """Set the number of units of each kind that are to come."""
         self._to_come = Counter(work)
 
     def begin(self, kind: str) -> None:
@@ -77,7 +77,7 @@ class Estimate:
         return self._clock() - self._begun
 
     def left(self) -> tuple[float, bool]:
-        """Seconds that the work of all kinds that were timed still takes; are these all kinds?"""
+        """Seconds that are left for the kinds of work that have been timed; and whether these are all kinds."""
         means = {kind: sum(took) / len(took) for kind, took in self._took.items()}
         left = {kind: count * means.get(kind, 0.0) for kind, count in self._to_come.items()}
         if self._now is not None:
@@ -100,9 +100,9 @@ class ProgressFile:
         self._next = 0.0
 
     def write(self, kind: str, progress: Callable[[], Progress]) -> None:
-        """Replace the state, if somebody wants it, when another kind of work begins or the last state is old.
+        """Write the state, if a file is wanted, when another kind of work begins or the last state is old.
 
-        What goes wrong with that is no matter.
+        A failure to write is ignored.
         """
         if self._path and (kind != self._kind or time.monotonic() >= self._next):
             self._kind = kind
@@ -129,18 +129,18 @@ def clock(seconds: float) -> str:
 
 
 def still(left: float, whole: bool) -> str:
-    """How long it still takes, in words; empty if nothing is known of that."""
+    """The time that is left [s], in words; empty if it is unknown."""
     if whole:
         return f"about {clock(left)} left"
     return f"more than {clock(left)} left" if left >= 1 else ""
 
 
 def times(gone: float, left: float, whole: bool) -> str:
-    """How long it took, and how long it still takes.
+    """The time so far and the time that is left, in words.
 
     Args:
         gone: Seconds so far.
         left: Seconds that are still to come, as far as is known.
-        whole: Is something known of all that is to come?
+        whole: Does `left` count all work that is to come?
     """
     return ", ".join(filter(None, [f"{clock(gone)} so far", still(left, whole)]))
