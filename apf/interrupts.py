@@ -1,4 +1,4 @@
-"""What may break into a run from outside: signals, a time limit, the end of the process that started it."""
+"""Interruptions of a run from outside: signals, a time limit, the end of the process that started the run."""
 
 import contextlib
 import faulthandler

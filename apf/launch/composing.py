@@ -15,13 +15,13 @@ from omegaconf.errors import OmegaConfBaseException
 
 @dataclass
 class Family:
-    """The config of the job that was asked for last, and its overrides."""
+    """A family of jobs (see `Composer`): the config and the overrides of the last one that was composed."""
 
     config: DictConfig
     overrides: list[Override]
 
     def become(self, overrides: list[Override]) -> None:
-        """Set what another job of the family sets, and note whose config it is now where Hydra does."""
+        """Turn the config into that of another job of the family, with Hydra's own record of the overrides."""
         hydra = self.config.hydra
         OmegaConf.set_readonly(hydra, False)
         task = [o for o in overrides if not o.is_hydra_override()]
@@ -37,12 +37,12 @@ class Family:
 
 
 class Composer:
-    """Hydra's loader of configs, which composes a job of a sweep from an earlier one where the result is the same.
+    """Hydra's loader of configs, faster for the jobs of a sweep.
 
-    Hydra first composes what the choices of config groups say, and then sets values one after another. An override is
-    *plain* if it sets a value that is no mapping, and no other override touches that key. Jobs that differ in the
-    values of plain overrides alone are a family: the first of them is composed, and the values of each other one are
-    set in the same config. A config therefore holds only until the next job of its family is asked for.
+    Hydra first composes the chosen options of config groups, and then sets values one after another. An override is
+    *plain* if its value is no mapping, and no other override touches the same key. Jobs that differ in the values of
+    plain overrides alone are a *family*. Hydra composes the first job of a family. For each other job, the values are
+    set in the same config. A config is therefore valid only until the next job of its family is composed.
     """
 
     def __init__(self, loader: ConfigLoader, master: DictConfig) -> None:
@@ -52,11 +52,11 @@ class Composer:
         self._plain_keys: dict[str, bool] = {}
 
     def __getattr__(self, name: str) -> Any:
-        """Whatever else a loader can do."""
+        """All other attributes are those of Hydra's own loader."""
         return getattr(self.loader, name)
 
     def load_sweep_config(self, master_config: DictConfig, sweep_overrides: list[str]) -> DictConfig:
-        """The config of a job, as Hydra's own loader gives it. Raises what that raises."""
+        """The config of a job, equal to the one of Hydra's own loader. Raises the same errors."""
         try:
             overrides = [parsed(text) for text in sweep_overrides]
         except HydraException:

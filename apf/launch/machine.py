@@ -1,4 +1,4 @@
-"""Does a run fit the machine that it is to run on? Asked before anything is labelled or written."""
+"""Checks whether a run fits its machine, before a plan is labelled or a file is written."""
 
 import contextlib
 import os
@@ -14,11 +14,11 @@ from apf.schema import Config
 
 GIB = 2**30
 PLACEMENT = 200
-"""Bytes that a placement of a plan takes while plans are drawn, judged and turned into features, about."""
+"""Approximate bytes of memory per placement while plans are drawn, judged and turned into features."""
 ANSWER = 8
-"""Bytes of what one member says of one prefix."""
+"""Bytes of one member's probability for one prefix."""
 WEIGHT = 32
-"""Bytes that training holds for each weight: itself, its mean, the best, its gradient, what AdamW keeps of it."""
+"""Bytes of memory per weight in training: the weight, its mean, its best value, its gradient, AdamW's state."""
 LIMIT = Path("/sys/fs/cgroup/memory.max")
 """Where Linux says how much memory a container may take."""
 
@@ -29,7 +29,7 @@ def cores() -> int:
 
 
 def memory(device: torch.device | None = None) -> int:
-    """Bytes of memory of this machine, or of a GPU; of a container, what it may take."""
+    """Bytes of memory of this machine or of a GPU; in a container, the container's limit."""
     if device is not None and device.type == "cuda":
         return int(torch.cuda.get_device_properties(device).total_memory)
     if not hasattr(os, "sysconf"):  # Windows does not tell: nothing is refused there

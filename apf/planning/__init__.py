@@ -1,4 +1,4 @@
-"""Using a predictor: the planner, and how well it does with it."""
+"""Planning with a predictor, and the evaluation of predictors."""
 
 from apf.planning.evaluation import EvaluationSettings, Evaluator
 from apf.planning.learned import Learned

@@ -1,4 +1,4 @@
-"""What a run returns to a sweeper that optimises: metrics of its last evaluation, by the names that trackers show."""
+"""The objective of a run: metrics of its last evaluation, which the run returns to a sweeper that optimises."""
 
 import math
 from collections.abc import Iterable
@@ -14,7 +14,7 @@ from apf.errors import InputError, Stopped, shown
 from apf.planning import EvaluationSettings
 
 OPTIMISERS = ("optuna", "ax", "nevergrad")
-"""Hydra's sweepers that ask what a run returns."""
+"""Hydra's sweepers that use the objective of a run."""
 
 
 def _listed(value: Any) -> Any:
@@ -67,9 +67,9 @@ def check_objective(objective: Objective, evaluation: EvaluationSettings, tasks:
 
 
 def optimises(hydra: Any, objective: object) -> bool:
-    """Does the sweeper of Hydra's config ask what a run returns?
+    """Does the sweeper of Hydra's config use the objective of a run?
 
-    Raises InputError if it does, and no objective is chosen.
+    Raises InputError if the sweeper does, and no objective is chosen.
     """
     sweeper = hydra.runtime.choices["hydra/sweeper"]
     asks = sweeper in OPTIMISERS
@@ -81,8 +81,8 @@ def optimises(hydra: Any, objective: object) -> bool:
 def returned(directory: Path, objective: Objective, plans: int) -> float | tuple[float, ...] | None:
     """The objective of the finished run in the directory; None, a number, or one for each of several names.
 
-    It is that of the last evaluation at no more than `plans` labelled plans: the run may have gone on since. NaN
-    stands for a metric that this run does not have: regret, where no candidate of any problem succeeds.
+    The metrics are those of the last evaluation at no more than `plans` labelled plans: the run may have gone on since.
+    A metric that this run does not have is NaN, e.g. regret where no candidate of any problem succeeds.
 
     Args:
         directory: Of a finished run.
@@ -100,7 +100,7 @@ def returned(directory: Path, objective: Objective, plans: int) -> float | tuple
 
 
 def must_be_number(value: float | tuple[float, ...] | None) -> None:
-    """Raises Stopped for what no sweeper can compare."""
+    """Raises Stopped for an objective that is no finite number: a sweeper cannot compare it."""
     values = value if isinstance(value, tuple) else (value,)
     if any(number is None or not math.isfinite(number) for number in values):
         raise Stopped(f"its objective is {value}: no candidate of the problems succeeds")
@@ -108,7 +108,7 @@ def must_be_number(value: float | tuple[float, ...] | None) -> None:
 
 @dataclass
 class Failed(JobReturn):
-    """A run that did not finish: its value, when a sweeper asks for it, is this error, and nothing more is printed."""
+    """Hydra's record of a run that did not finish. A sweeper that reads its value gets this error alone."""
 
     error: Exception = field(default_factory=Exception)
 
@@ -125,7 +125,7 @@ class Failed(JobReturn):
 def outcome(
     overrides: list[str], directory: Path, value: float | tuple[float, ...] | None, error: Exception | None
 ) -> JobReturn:
-    """What a sweeper is told of a run: its value, or the error that it ended with.
+    """Hydra's record of a run: its objective, or the error that ended the run.
 
     Args:
         overrides: Of the job.

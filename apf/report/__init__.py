@@ -1,1 +1,1 @@
-"""What is shown of runs: figures, summaries, the terminal."""
+"""Reports of runs: figures, and summaries on the terminal."""

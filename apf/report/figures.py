@@ -21,7 +21,7 @@ MARKERS = "os^DvX"
 
 @dataclass(frozen=True)
 class Words:
-    """How figures call things: a plan, what is placed, and each task, by its name."""
+    """The words of a domain in figures: for a plan, for an object that is placed, and for each task, by its name."""
 
     plan: str = "plan"
     object: str = "placement"
@@ -29,7 +29,7 @@ class Words:
 
     @staticmethod
     def common(words: Sequence["Words"]) -> "Words":
-        """The words that all of these share, general ones in place of others; the titles of all."""
+        """The words that all runs share; where they differ, general words. The titles of all tasks."""
         plans, objects = {w.plan for w in words}, {w.object for w in words}
         titles = {name: title for w in words for name, title in w.titles.items()}
         same = {"plan": plans, "object": objects}
@@ -77,7 +77,7 @@ def plot_accuracy(curves: pd.DataFrame, words: Words) -> "Figure":
 
 
 def plural(word: str) -> str:
-    """Of a noun in English; of one that ends in a hiss, too."""
+    """The plural of an English noun, also of one that ends in s, x, ch or sh."""
     return word + ("es" if word.endswith(("s", "x", "ch", "sh")) else "s")
 
 

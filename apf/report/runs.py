@@ -1,4 +1,4 @@
-"""Finished runs as tables: find run directories, and tell them apart by what differs between them."""
+"""Finished runs as tables: finds run directories, and labels groups of runs by the keys in which they differ."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -15,12 +15,12 @@ from apf.rundir.kept import Summary, read_config, read_state
 NOT_A_GROUP = ("seed",)
 """Keys by which runs of one group may differ."""
 NO_NAME = (*NO_EFFECT, "experiment", "with_world")
-"""Config groups whose choice says nothing of a run's results, or only what other keys say."""
+"""Config groups whose choice does not change a run's results, or repeats other keys."""
 
 
 @dataclass(frozen=True)
 class Run:
-    """A run directory: its plain config, which option was chosen of each config group, how figures call things."""
+    """A run directory: its plain config, the chosen option of each config group, and the words for figures."""
 
     directory: Path
     config: dict[str, Any]
@@ -59,7 +59,7 @@ def find_runs(directories: Sequence[Path]) -> tuple[list[Run], list[Path]]:
 
 
 def words_of(state: Mapping[str, Any]) -> Words:
-    """How a run's figures call things, as its `run.yaml` says."""
+    """The words for a run's figures, from its `run.yaml`."""
     return Words(state["words"]["plan"], state["words"]["object"], state["titles"])
 
 

@@ -1,4 +1,4 @@
-"""Whose a directory is: one run's, one process's at a time; what is the user's there stays as it is."""
+"""Locks a directory for one run and one process at a time, and protects the user's files there."""
 
 import contextlib
 import os
@@ -19,13 +19,13 @@ from apf.rundir.journal import BEGINS
 CONFIG, STATE, JOURNAL, LOCK, LOG = "config.yaml", "run.yaml", "journal.jsonl", "lock", "run.log"
 TABLES = ("plans.parquet", "regret.parquet", "accuracy.parquet")
 WORLD_TABLE = "world.parquet"
-"""What the world reported of each plan, if it reports anything."""
+"""The table of the world's reports, if the world reports anything."""
 FIRST = (STATE, JOURNAL, CONFIG)
-"""What a run writes before it does anything, after the objects of its domain's plans."""
+"""Files that a run writes first, after the objects of its domain's plans."""
 LATER = (LOG, *TABLES, WORLD_TABLE, "weights/step_*.safetensors", "figures/regret.*", "figures/accuracy.*")
-"""What it writes then."""
+"""Files that a run writes later."""
 HOLDER = re.compile(r"process \d+ on \S+")
-"""What a lock holds."""
+"""Content of a lock file."""
 
 
 @dataclass(frozen=True)

@@ -156,8 +156,7 @@ def follows(group: str, choices: Mapping[str, Any]) -> bool:
 
 
 def as_typed(overrides: Any) -> list[str]:
-    """Overrides of a command line as they were typed. Interpolations stay unresolved: they may mean another value
-    elsewhere."""
+    """Overrides of a command line as they were typed, with their interpolations unresolved."""
     return OmegaConf.to_container(overrides, resolve=False)  # type: ignore[return-value]
 
 

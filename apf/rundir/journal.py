@@ -1,12 +1,12 @@
-"""An append-only file of checksummed records: whatever was appended survives what ends the process or the power.
+"""An append-only file of checksummed records. Appended records survive a crash of the process and a power cut.
 
-One JSON object a line, in the order of events. `at` is when, `seconds` how long the run had been running by then, all
-its starts together. `follows` is the checksum of the line before, and `crc`, the last key, is the CRC-32 of the line up
-to it: so the lines are a chain, in which none can be missing, doubled, swapped or of another journal. The first line
-says which format the file has and which run it belongs to; it has this form in every format.
+Each line is a JSON object, in the order of events. `at` is the time of the record. `seconds` is the run's time by then,
+all its starts together. `follows` is the checksum of the line before. `crc`, the last key, is the CRC-32 of its line up
+to this key. So the lines are a chain: a line that is missing, doubled, swapped or of another journal is found. The
+first line names the format of the file and the run; this line has the same form in every format.
 
-A write that was cut short tears one line, the last one. On opening it is moved into a file of its own beside the
-journal. More damage than that no crash explains: it is refused, naming the line.
+A write that was cut short tears the last line. The next opening moves the torn line into a file of its own beside the
+journal. No crash explains more damage than that: such a journal is refused, and the message names the line.
 """
 
 import contextlib
@@ -24,18 +24,18 @@ from apf.rundir.files import replacing
 
 Record = dict[str, Any]
 FORMAT = 3
-"""Of the journals that this version writes and reads."""
+"""Format of the journals that this version writes and reads."""
 HEADER = 1
-"""Lines before the first record."""
+"""Number of lines before the first record."""
 BEGINS = '{"kind": "journal", '
 """How each journal begins."""
 MARK = b', "crc": "'
-"""Stands once in each line: quotes within a text are escaped."""
+"""Comes before the checksum, once in each line: quotes within a text are escaped."""
 
 
 @dataclass(frozen=True)
 class End:
-    """How far a journal went: how many lines it has, and the checksum of the last one."""
+    """The end of a journal: its number of lines, and the checksum of the last one."""
 
     lines: int
     crc: str
@@ -50,9 +50,10 @@ class Journal:
         Args:
             path: Of the file.
             run: Identifier of the run that the journal must belong to.
-            known: Lines that have been there before, as somebody noted.
+            known: The end of the journal as `run.yaml` has it; the lines up to there must still be the same.
 
-        Raises InputError if the file is damaged, not of this run, or cannot be written.
+        Raises:
+            InputError: The file is damaged, of another run, or cannot be written.
         """
         self.path = path
         try:
@@ -65,7 +66,7 @@ class Journal:
         try:
             contents = parse(text, path, run, known)
             self.torn = keep_aside(path, contents.torn) if contents.torn else None
-            """Where that is kept which was cut off since it had not been completely written; None: nothing was."""
+            """The file that keeps the torn last line; None: no line was torn."""
             if contents.torn:
                 os.ftruncate(self._file, contents.size)
             elif contents.size > len(text):  # all but the end of the last line
@@ -85,23 +86,23 @@ class Journal:
 
     @property
     def notice(self) -> str | None:
-        """One line on what was found on opening that somebody should know of."""
+        """One line for the user about a torn line that was found on opening; None: there was none."""
         if self.torn is None:
             return None
         return f"the last record of the journal was torn: what it held is done again; {self.torn.name} keeps the rest"
 
     @property
     def end(self) -> End:
-        """How far the journal goes."""
+        """The end of the journal as it is now."""
         return End(len(self._crcs), self._crcs[-1])
 
     @property
     def seconds(self) -> float:
-        """How long the run has been running, up to the last record of each earlier start, and since this one."""
+        """Seconds of the run: those of earlier starts, each up to its last record, and those since this start."""
         return round(self._before + time.monotonic() - self._opened, 3)
 
     def append(self, kind: str, **content: Any) -> Record:
-        """Make a record durable. Raises Stopped, the file being as before, if it cannot be written."""
+        """Write a record, synced to the disk. If that fails, the file stays as before, and Stopped is raised."""
         record = {"kind": kind, **content, "at": now(), "seconds": self.seconds}
         line, crc = encode(record, self._crcs[-1])
         if self._broken:
@@ -128,13 +129,13 @@ class Journal:
 
 
 def create(path: Path, run: str) -> None:
-    """Begin the journal of a run, replacing what is there: it is there whole, or not at all."""
+    """Begin the journal of a run, in one step. An older file there is replaced."""
     with replacing(path) as half:
         half.write_bytes(encode({"kind": "journal", "format": FORMAT, "run": run, "at": now()}, "")[0])
 
 
 def now() -> str:
-    """The time, as records have it."""
+    """The time now, in the form that records have."""
     return datetime.now(UTC).isoformat(timespec="milliseconds")
 
 

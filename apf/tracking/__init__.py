@@ -1,4 +1,4 @@
-"""Mirrors of a run: the terminal and Weights & Biases. The run directory is the truth; these only show it."""
+"""Mirrors of a run: the terminal and Weights & Biases. The run directory is the truth; mirrors only show it."""
 
 from apf.tracking.base import Metrics, NoTracker, Phase, RunInfo, Tracker, Trackers
 from apf.tracking.board import Board

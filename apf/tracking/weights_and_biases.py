@@ -1,4 +1,4 @@
-"""Weights & Biases. Whatever it cannot do costs the mirror, never the run."""
+"""Weights & Biases (W&B). If W&B fails, the run loses this mirror and goes on."""
 
 import os
 import shutil
@@ -17,13 +17,13 @@ MODES: dict[str, Mode | None] = {
     **dict.fromkeys(("offline", "dryrun"), "offline"),
     "disabled": None,
 }
-"""What W&B's variable WANDB_MODE may say, older names included, and what that means here; None: no mirror."""
+"""The values of W&B's variable WANDB_MODE, older names included, and the mode that each means; None: no mirror."""
 FAILURES = (Exception, SystemExit)
-"""All that a library may raise, but for what a person or the system ends the run with."""
+"""Errors that a library may raise, SystemExit included. Ctrl-C and signals are not among them."""
 
 
 def mode_here(chosen: Mode, environment: Mapping[str, str]) -> Mode | None:
-    """The mode that W&B has in this environment, which knows better than the config what this machine can do.
+    """W&B's mode: the one of the environment variables, if they are set, else the chosen one.
 
     Returns None where WANDB_MODE or WANDB_DISABLED switches W&B off. Raises ValueError if WANDB_MODE is no mode.
     """
@@ -37,12 +37,13 @@ def mode_here(chosen: Mode, environment: Mapping[str, str]) -> Mode | None:
 
 @settings
 class WandbTracker(Tracker):
-    """One W&B run per job. `offline` needs no account and no network: `wandb sync` sends it later.
+    """One W&B run per job. `offline` needs no account and no network: `wandb sync` sends the run later.
 
-    A run that goes on is told its whole history again, each phase of a step under a number of its own: W&B takes what
-    it has not, so that one run holds it all. Offline, files of earlier starts then hold nothing more, and are removed.
+    A resumed run logs its whole history again, and each phase of a step has its own number. W&B skips the numbers that
+    it has, so one W&B run holds the whole history. Offline, the files of earlier starts are then redundant, and are
+    removed.
 
-    W&B's environment variables win over the config and over what is set here, but for those that say which run it is.
+    W&B's environment variables win over the config, except for those that identify the run.
     """
 
     project: str | None
