@@ -7,7 +7,7 @@ import torch
 from torch import nn
 
 from apf.models import FCGN, TGN, EnsembleLinear, EnsembleNetwork, LSTMNetwork
-from apf.models.graph import prefix_graph
+from apf.models.graph import PlacementConv, prefix_graph
 from apf.models.kernels import passes_of
 from apf.models.passes import Passes
 
@@ -161,6 +161,32 @@ class TestKernels:
             gradients.append([gradient.clone() for gradient in backward(torch.ones_like(logits))])
         for once, twice in zip(*gradients, strict=True):
             torch.testing.assert_close(2 * once, twice)
+
+    @pytest.mark.parametrize("name", ["tgn", "fcgn"])
+    def test_a_network_with_other_messages_computes_and_learns_them(self, name: str) -> None:
+        class Louder(PlacementConv):
+            def message(self, *args: torch.Tensor, **kwargs: torch.Tensor) -> torch.Tensor:
+                return 2 * super().message(*args, **kwargs)
+
+        network, x = make(name), torch.randn(MEMBERS, 4, 3, F)
+        quiet = network(x)
+        network.conv.__class__ = Louder
+        passes = passes_of(network)
+        logits, backward = passes.vjp(passes.prepare(x))
+        torch.testing.assert_close(logits, network(x))
+        assert not torch.allclose(logits, quiet)
+        expected = torch.autograd.grad(network(x).sum(), list(network.parameters()))
+        for ours, theirs in zip(backward(torch.ones_like(logits)), expected, strict=True):
+            torch.testing.assert_close(ours, theirs)
+
+    @pytest.mark.parametrize("name", ["tgn", "fcgn", "lstm"])
+    def test_another_part_of_a_library_is_no_part_of_a_kernel(self, name: str) -> None:
+        network, x = make(name), torch.randn(MEMBERS, 4, 3, F)
+        assert type(passes_of(network)) is not Passes
+        network.readout[1] = nn.Tanh()
+        passes = passes_of(network)
+        torch.testing.assert_close(passes.logits(passes.prepare(x)), network(x))
+        assert type(passes) is Passes
 
 
 @pytest.mark.parametrize(("name", "receives"), [("tgn", False), ("fcgn", True)])

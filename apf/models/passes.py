@@ -24,6 +24,9 @@ class Passes:
     """Do `batcher` and `vjp` perform the same operations for inputs of the same shapes, whatever the values, and
     without waiting for the device? A GPU then replays a whole update as one CUDA graph (`Replayed`)."""
 
+    parts: tuple[str, ...] = ()
+    """Of a kernel: package and name of each class that the network must be made of, in the order of its modules."""
+
     def __init__(self, network: EnsembleNetwork) -> None:
         self.network = network
         self.parameters = list(network.parameters())

@@ -9,18 +9,18 @@ from apf.models.kernels.lstm import LSTMKernel
 from apf.models.layers import EnsembleNetwork
 from apf.models.passes import Passes
 
-KERNELS: dict[str, type[Passes]] = {
-    "apf.models.graph.TGN": GraphKernel,
-    "apf.models.graph.FCGN": GraphKernel,
-    "apf.models.lstm.LSTMNetwork": LSTMKernel,
-}
-"""By the name of the class, so that torch-geometric is imported only where a network needs it."""
+KERNELS: dict[str, type[Passes]] = {"apf.TGN": GraphKernel, "apf.FCGN": GraphKernel, "apf.LSTMNetwork": LSTMKernel}
+"""By the package and the name of the class, so that torch-geometric is imported only where a network needs it."""
 
 
 def passes_of(network: EnsembleNetwork, kernels: bool = True) -> Passes:
     """The passes of a network: its kernel if there is one and `kernels` are wanted, else its definition.
 
-    A sub-class may compute something else than its parent, so a kernel serves only the class it was written for.
+    A kernel serves only the class it was written for, made of the parts it was written for: a sub-class of the network,
+    or another class in place of one of its parts, may compute something else.
     """
-    name = f"{type(network).__module__}.{type(network).__qualname__}"
-    return KERNELS.get(name, Passes)(network) if kernels else Passes(network)
+    name, *parts = dict.fromkeys(
+        f"{type(part).__module__.split('.')[0]}.{type(part).__qualname__}" for part in network.modules()
+    )
+    kernel = KERNELS.get(name)
+    return kernel(network) if kernels and kernel and kernel.parts == tuple(parts) else Passes(network)

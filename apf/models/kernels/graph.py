@@ -39,6 +39,14 @@ class GraphKernel(Passes):
     """
 
     replayable = True
+    parts = (
+        "apf.PlacementConv",
+        "torch_geometric.SumAggregation",
+        "torch.Sequential",
+        "apf.EnsembleLinear",
+        "torch.ReLU",
+        "torch_geometric.MeanAggregation",
+    )
     network: "GraphNetwork"
 
     def prepare(self, x: Tensor, last_only: bool = False) -> PreparedGraphs:

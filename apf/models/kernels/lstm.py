@@ -35,6 +35,7 @@ class LSTMKernel(Passes):
     """
 
     replayable = True
+    parts = ("torch.ModuleList", "apf.EnsembleLSTM", "apf.EnsembleLinear", "torch.Sequential", "torch.ReLU")
 
     def batcher(self, x: Tensor, last_only: bool = False) -> Callable[[Tensor], PreparedSequences]:
         """As `Passes.batcher`: the inputs of each example lie in one row, so that a batch is one gather."""
