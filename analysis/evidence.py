@@ -69,34 +69,43 @@ class Evidence:
         return Evidence(self.regret, self.accuracy, runs, rng.choice(self.problems, len(self.problems)))
 
     def regrets(self, who: str, task: str, towers: int, world: str = "analytic") -> np.ndarray:
-        """[R, P] normalised regret; NaN on problems without a feasible candidate. Raises MissingError.
+        """[R, P] normalised regret; NaN on problems without a feasible candidate.
 
         Args:
             who: A sampler, or a predictor that does not learn.
             task: The name of a task.
-            towers: Labelled towers at an evaluation; None: the last one.
+            towers: Labelled towers at the evaluation.
             world: Where the chosen towers were built.
+
+        Raises:
+            MissingError: The runs have no such evaluation.
         """
         return self._pick((who, world, task, towers))[0]
 
     def stood(self, who: str, task: str, towers: int, world: str = "analytic") -> np.ndarray:
-        """[R, P] whether the chosen tower stood. Raises MissingError.
+        """[R, P] whether the chosen tower stood.
 
         Args:
             who: A sampler, or a predictor that does not learn.
             task: The name of a task.
-            towers: Labelled towers at an evaluation; None: the last one.
+            towers: Labelled towers at the evaluation.
             world: Where the chosen towers were built.
+
+        Raises:
+            MissingError: The runs have no such evaluation.
         """
         return self._pick((who, world, task, towers))[1]
 
     def accuracies(self, model: str, length: int, towers: int) -> np.ndarray:
-        """[R] accuracy. Raises MissingError.
+        """[R] accuracy.
 
         Args:
             model: The name of a model.
             length: The number of placements.
-            towers: Labelled towers at an evaluation; None: the last one.
+            towers: Labelled towers at the evaluation.
+
+        Raises:
+            MissingError: The runs have no such evaluation.
         """
         if (values := self.accuracy.get((model, length, towers))) is None:
             raise MissingError(f"no accuracy of {model} on {length} blocks at {towers} towers")

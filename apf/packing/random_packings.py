@@ -95,11 +95,14 @@ def random_packings(
 
     Args:
         cell: Container and gripper.
-        boxes: What is packed; at least `length`, or ValueError is raised.
+        boxes: What is packed.
         length: Placements of a packing.
         n: How many.
-        rng: What to draw from.
+        rng: The source of all draws.
         places: Distribution of x and y.
+
+    Raises:
+        ValueError: There are fewer than `length` boxes.
     """
     if length > len(boxes):
         raise ValueError(f"packings of {length} boxes need as many different boxes; the set has {len(boxes)}")
@@ -112,12 +115,13 @@ def random_packings(
 def random_extensions(packings: Packings, rng: np.random.Generator, places: Places) -> Packings:
     """Each packing with one more random placement of a box that it does not hold yet: [N, K] -> [N, K + 1].
 
-    Raises ValueError if the packings already hold every box of the set.
-
     Args:
         packings: N packings of K boxes.
         rng: The source of all draws.
         places: Distribution of x and y.
+
+    Raises:
+        ValueError: The packings already hold every box of the set.
     """
     n, b = len(packings), len(packings.boxes)
     if packings.length >= b:

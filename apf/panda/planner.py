@@ -77,7 +77,15 @@ class _Query:
 
 
 class Planner:
-    """Plans with a block set in a belief."""
+    """Plans with a block set in a belief.
+
+    Args:
+        belief: Where everything is thought to be. The block set is the one that the belief holds.
+        gripper: What the fingers can hold.
+        reach: Of the arm.
+        motion: How motions are planned.
+        search: How long the planner searches.
+    """
 
     def __init__(self, belief: Belief, gripper: Gripper, reach: Reach, motion: MotionSettings, search: Search) -> None:
         self.belief, self.gripper, self.reach, self.motion, self.search = belief, gripper, reach, motion, search
@@ -103,13 +111,14 @@ class Planner:
     def plan(self, block: int, goal: np.ndarray, q: np.ndarray, rng: np.random.Generator) -> list[Step]:
         """The steps that bring a block from where it is thought to be to a pose [4, 4], starting from joints q [7].
 
-        Raises NoPlan.
-
         Args:
             block: Its number.
             goal: [4, 4] pose.
             q: [7] joints from which the arm starts [rad].
             rng: The source of all draws.
+
+        Raises:
+            NoPlan: No grasp, or no motion, was found.
         """
         query = _Query(block, {NOW: self.belief.thought[block], GOAL: goal})
         self.effort = Effort()
