@@ -31,7 +31,7 @@ PEDESTAL_MARGIN = 0.01
 
 @settings
 class Search:
-    """How long a plan is looked for."""
+    """Limits of the search for a plan."""
 
     stations: Count = 150
     """Stations that samplers may try for one plan."""
@@ -47,18 +47,18 @@ class NoPlan(Exception):
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """What the robot does next: a move along `path` [M, 7], or a pick, place or regrasp at a station."""
+    """One step of the robot: a move along `path` [M, 7], or a pick, place or regrasp at a station."""
 
     action: str
     station: Station
     path: np.ndarray | None = None
     pose: np.ndarray | None = None
-    """Where the block is, or is put [4, 4]."""
+    """[4, 4] pose at which the block lies, or is put."""
 
 
 @dataclass
 class Effort:
-    """What planning took: task plans, those given up for want of a motion, stations tried, motions looked for."""
+    """Counts of planning: task plans, task plans without a motion, stations tried, motions searched for."""
 
     plans: int = 0
     replans: int = 0
