@@ -28,6 +28,9 @@ def draw(
         doc: What --help prints.
         curves_of: Makes curves of the gathered table.
         plot: Draws the curves.
+
+    Raises:
+        SystemExit: The runs hold no such table, there is no evaluation up to `--until`, or a file cannot be written.
     """
     parser = parser_of(doc)
     parser.add_argument(

@@ -1,4 +1,4 @@
-"""What finished runs say, as arrays that a bootstrap can draw from."""
+"""Results of finished runs, as arrays from which a bootstrap can draw."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -14,19 +14,22 @@ Accuracies = dict[tuple[str, int, int], np.ndarray]
 
 
 class MissingError(LookupError):
-    """The runs at hand do not say."""
+    """The runs have no such result."""
 
 
 @dataclass(frozen=True)
 class Evidence:
-    """Regret, success and accuracy of runs, for comparisons between names. A bootstrap draws from it.
+    """Regret, success and accuracy of runs, for comparisons between names. A bootstrap draws from the evidence.
 
-    A name (who) is a sampler, or a predictor that does not learn. Only evaluations that all runs of a name had count.
+    A name (who) is a sampler, or a predictor that does not learn; in `accuracy`, the name of a model. An evaluation
+    counts only if all runs of a name had that evaluation.
 
-    regret: by (who, world, task, towers): regret [R, P], and whether the tower stood [R, P], of R runs on P problems.
-    accuracy: by (model, length, towers): [R].
-    runs: by who: which runs a bootstrap drew; the same for all figures of that name.
-    problems: which problems it drew; the same for all runs.
+    Attributes:
+        regret: By (who, world, task, towers): regret [R, P], and whether the tower stood [R, P], of R runs on P
+            problems.
+        accuracy: By (model, length, towers): accuracy [R].
+        runs: By name: the runs that a bootstrap drew; the same for all figures of that name.
+        problems: The problems that a bootstrap drew; the same for all runs.
     """
 
     regret: Regrets
@@ -36,7 +39,7 @@ class Evidence:
 
     @staticmethod
     def of(runs: Sequence[Run]) -> "Evidence":
-        """The evidence of finished runs. Samplers are compared by the runs of TGN, models by those of sequential."""
+        """The evidence of finished runs. For samplers the runs of TGN count; for models, the runs of sequential."""
         regret: Regrets = {}
         accuracy: Accuracies = {}
         counts: dict[str, int] = {}
@@ -64,46 +67,59 @@ class Evidence:
         return Evidence(regret, accuracy, {who: np.arange(n) for who, n in counts.items()}, np.arange(problems))
 
     def drawn(self, rng: np.random.Generator) -> "Evidence":
-        """As many runs and as many problems again, drawn with replacement."""
+        """New evidence with as many runs and as many problems, drawn with replacement."""
         runs = {who: rng.choice(rows, len(rows)) for who, rows in self.runs.items()}
         return Evidence(self.regret, self.accuracy, runs, rng.choice(self.problems, len(self.problems)))
 
     def regrets(self, who: str, task: str, towers: int, world: str = "analytic") -> np.ndarray:
-        """[R, P] normalised regret; NaN on problems without a feasible candidate. Raises MissingError.
+        """[R, P] normalised regret; NaN on problems without a feasible candidate.
 
         Args:
             who: A sampler, or a predictor that does not learn.
             task: The name of a task.
-            towers: Labelled towers at an evaluation; None: the last one.
+            towers: Labelled towers at the evaluation.
             world: Where the chosen towers were built.
+
+        Raises:
+            MissingError: The runs have no such evaluation.
         """
         return self._pick((who, world, task, towers))[0]
 
     def stood(self, who: str, task: str, towers: int, world: str = "analytic") -> np.ndarray:
-        """[R, P] whether the chosen tower stood. Raises MissingError.
+        """[R, P] whether the chosen tower stood.
 
         Args:
             who: A sampler, or a predictor that does not learn.
             task: The name of a task.
-            towers: Labelled towers at an evaluation; None: the last one.
+            towers: Labelled towers at the evaluation.
             world: Where the chosen towers were built.
+
+        Raises:
+            MissingError: The runs have no such evaluation.
         """
         return self._pick((who, world, task, towers))[1]
 
     def accuracies(self, model: str, length: int, towers: int) -> np.ndarray:
-        """[R] accuracy. Raises MissingError.
+        """[R] accuracy.
 
         Args:
             model: The name of a model.
             length: The number of placements.
-            towers: Labelled towers at an evaluation; None: the last one.
+            towers: Labelled towers at the evaluation.
+
+        Raises:
+            MissingError: The runs have no such evaluation.
         """
         if (values := self.accuracy.get((model, length, towers))) is None:
             raise MissingError(f"no accuracy of {model} on {length} blocks at {towers} towers")
         return values[self.runs[model]]
 
     def common_towers(self, *names: str) -> list[int]:
-        """At how many towers all of these were evaluated, least first. Raises MissingError if there are none."""
+        """Numbers of towers at which all these names were evaluated, least first.
+
+        Raises:
+            MissingError: There is no such number.
+        """
         keys = [(key[0], int(key[-1])) for key in (*self.regret, *self.accuracy)]
         at = [{towers for who, towers in keys if who == name} for name in names]
         common = sorted(set.intersection(*at))
@@ -123,13 +139,13 @@ class Evidence:
 
 
 def _tables(runs: Sequence[Run], name: str) -> list[pd.DataFrame]:
-    """The tables of that name of those runs that have any rows in it, with a column `run` that counts them."""
+    """The tables of that name that have rows. A column `run` numbers the tables."""
     tables = [table for run in runs if len(table := run.table(name))]
     return [table.assign(run=number) for number, table in enumerate(tables)]
 
 
 def _comparing(runs: Sequence[Run], group: str) -> Sequence[Run]:
-    """The runs of sweeps that compare options of a group, as these were evaluated alike; all runs if no sweep does."""
+    """The runs of sweeps that compare options of a group: these were evaluated alike. All runs, if no sweep does."""
     options: dict[Any, set[str]] = {}
     for run in runs:
         options.setdefault(run.config.get("sweep"), set()).add(str(run.choices.get(group)))
@@ -137,7 +153,7 @@ def _comparing(runs: Sequence[Run], group: str) -> Sequence[Run]:
 
 
 def _by(runs: Sequence[Run], group: str, **others: str) -> dict[str, list[Run]]:
-    """Runs by their choice of a group, among those with these other choices; those that do not learn by predictor."""
+    """Runs by their choice of a group, if their other choices are `others`. Runs that do not learn: by predictor."""
     found: dict[str, list[Run]] = {}
     for run in runs:
         predictor = str(run.choices.get("predictor", "learned"))

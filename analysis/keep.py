@@ -15,9 +15,9 @@ from apf.rundir.kept import Summary, read_state
 
 TABLES = ("regret.parquet", "accuracy.parquet")
 OF_A_WORLD = "world.parquet"
-"""What a world that reports did."""
+"""Table of a world's reports."""
 STATE = ("name", "hash", "sweep", "choices", "words", "titles", "versions", "finished", "seconds")
-"""What is kept of run.yaml."""
+"""Keys of run.yaml that are kept."""
 
 
 def keep(run: Run, out: Path) -> Path:

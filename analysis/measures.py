@@ -18,7 +18,7 @@ TRAINED = (2, 3, 4, 5)
 
 
 def median_regret(evidence: Evidence, *, who: str, task: str, towers: int | None = None) -> float:
-    """Over runs and problems; at the last evaluation unless said.
+    """Median over runs and problems.
 
     Args:
         evidence: What the runs say.
@@ -164,7 +164,7 @@ def ahead(evidence: Evidence, *, who: str, of: str, lengths: Sequence[int] = TRA
 
     Args:
         evidence: What the runs say.
-        who: A sampler, or a predictor that does not learn.
+        who: The name of a model.
         of: The model that it is compared with.
         lengths: Lengths of test towers.
         only_end: The last evaluation alone?
@@ -179,7 +179,7 @@ def lead_grows(evidence: Evidence, *, who: str, of: str) -> float:
 
     Args:
         evidence: What the runs say.
-        who: A sampler, or a predictor that does not learn.
+        who: The name of a model.
         of: The model that it is compared with.
     """
     long, pairs = (ahead(evidence, who=who, of=of, lengths=lengths, only_end=True) for lengths in ((5, 6, 7), (2,)))
@@ -191,7 +191,7 @@ def lost_on(evidence: Evidence, *, who: str, length: int) -> float:
 
     Args:
         evidence: What the runs say.
-        who: A sampler, or a predictor that does not learn.
+        who: The name of a model.
         length: The number of placements.
     """
     at = [last(evidence, who)]

@@ -21,8 +21,7 @@ def balanced_packings(
 ) -> tuple[Packings, np.ndarray]:
     """n random packings, of which the first half succeed and the others fail, and their labels [n] bool.
 
-    Those that succeed grow box by box, and what failed is dropped at once; no two share a prefix. Arguments as those
-    of `random_packings`. Raises ValueError if n is odd; InputError if no packing succeeds, or none fails.
+    Packings that succeed grow box by box; a prefix that fails is dropped at once. No two packings share a prefix.
 
     Args:
         cell: Container and gripper.
@@ -31,6 +30,10 @@ def balanced_packings(
         n: How many.
         rng: The source of all draws.
         places: Distribution of x and y.
+
+    Raises:
+        ValueError: n is odd, or `length` is more than the boxes.
+        InputError: No packing succeeds, or none fails.
     """
     if n % 2:
         raise ValueError(f"a balanced set needs an even number of packings, not {n}")

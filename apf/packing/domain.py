@@ -131,7 +131,7 @@ class PackingDomain(Domain):
         return [{"box": b, "orientation": o, "xy": xy} for b, o, xy in zip(*columns, strict=True)]
 
     def encoded_length(self, plan: dict[str, Any]) -> int:
-        """How many placements a plan has that `encode` wrote. Raises ValueError if it is not one of this domain."""
+        """Number of placements of a plan that `encode` wrote. Raises ValueError if the plan is of another domain."""
         n = len(self.training_boxes)
         match plan:
             case {"box": [*box], "orientation": [*turn], "xy": [*xy]} if len(box) == len(turn) == len(xy) > 0:

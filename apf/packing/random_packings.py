@@ -23,11 +23,11 @@ class Places:
     """
 
     wall: Share = 0.2
-    """How often beside a wall."""
+    """Probability, on each axis, of a place beside a wall."""
     beside: Share = 0.3
-    """How often beside a box that lies there."""
+    """Probability, on each axis, of a place beside a box that was placed before."""
     stacked: Share = 0.3
-    """How often on that box: its centre is up to half that box's side away from the other's."""
+    """Probability, on each axis, of a place on that box: at most half its side from its centre."""
     gap: Annotated[tuple[Gap, Gap], AfterValidator(from_low_to_high)] = (-0.002, 0.03)
     """Range of the gap to a wall or box [m]: below 0 they overlap, above the fingers' thickness they fit."""
     room: Annotated[Number, Field(ge=0, le=10)] = 0.01
@@ -47,14 +47,14 @@ class Places:
             cell: Container and gripper.
             sides: [N, 2] along x and y [m].
             grip: [N] the axis on which the fingers grip.
-            rng: What to draw from.
+            rng: The source of all draws.
         """
         room = cell.container.half - self.reach(cell, sides, grip) - self.room
         return rng.uniform(-1.0, 1.0, room.shape) * np.maximum(room, 0.0)
 
     @staticmethod
     def reach(cell: Cell, sides: np.ndarray, grip: np.ndarray) -> np.ndarray:
-        """[N, 2] from the centre to where box and fingers end [m]; arguments as those of `first`.
+        """[N, 2] from the centre to where box and fingers end [m].
 
         Args:
             cell: Container and gripper.
@@ -95,11 +95,14 @@ def random_packings(
 
     Args:
         cell: Container and gripper.
-        boxes: What is packed; at least `length`, or ValueError is raised.
+        boxes: What is packed.
         length: Placements of a packing.
         n: How many.
-        rng: What to draw from.
+        rng: The source of all draws.
         places: Distribution of x and y.
+
+    Raises:
+        ValueError: There are fewer than `length` boxes.
     """
     if length > len(boxes):
         raise ValueError(f"packings of {length} boxes need as many different boxes; the set has {len(boxes)}")
@@ -112,12 +115,13 @@ def random_packings(
 def random_extensions(packings: Packings, rng: np.random.Generator, places: Places) -> Packings:
     """Each packing with one more random placement of a box that it does not hold yet: [N, K] -> [N, K + 1].
 
-    Raises ValueError if the packings already hold every box of the set.
-
     Args:
         packings: N packings of K boxes.
         rng: The source of all draws.
         places: Distribution of x and y.
+
+    Raises:
+        ValueError: The packings already hold every box of the set.
     """
     n, b = len(packings), len(packings.boxes)
     if packings.length >= b:

@@ -1,4 +1,4 @@
-"""The feasibility detector: which prefixes of a packing succeed, and why one fails."""
+"""The feasibility detector: which prefixes of a packing succeed, and why a placement fails."""
 
 from dataclasses import replace
 from enum import IntEnum
@@ -8,11 +8,11 @@ import numpy as np
 from apf.packing.packings import LEVEL, Packings, overlap
 
 CHUNK = 8192
-"""Packings that are judged at once: what is computed of them then stays in the cache."""
+"""Number of packings that are judged at once. The arrays of so many packings fit in the processor's cache."""
 
 
 class Failure(IntEnum):
-    """What went wrong with a placement; what is checked first comes first."""
+    """What went wrong with a placement. If several things did, the smallest number is reported."""
 
     NONE = 0
     WALL = 1
@@ -20,19 +20,21 @@ class Failure(IntEnum):
     FINGER_WALL = 2
     """A finger hits a wall."""
     FINGER_BOX = 3
-    """A finger hits a box that lies there."""
+    """A finger hits a box that was placed before."""
     TOO_HIGH = 4
     """The box stands out above the rim."""
     UNSUPPORTED = 5
-    """The box tips: its centre of mass is not above what it rests on."""
+    """The box tips: its centre of mass is not above its support."""
     PUSHED = 6
-    """A box that lies there is pushed over by the weight on it."""
+    """A box that was placed before tips under the weight on it."""
 
 
 def packed_prefixes(packings: Packings, xy: np.ndarray | None = None) -> np.ndarray:
-    """[N, K] bool: does each prefix succeed? One that holds a prefix that failed has failed.
+    """[N, K] bool: does each prefix succeed? All prefixes after a failed prefix fail, too.
 
-    xy: [N, K, 2] where the boxes came down [m], if not where the packings say, e.g. with noise.
+    Args:
+        packings: N packings of K boxes.
+        xy: [N, K, 2] places where the boxes came down [m], e.g. with noise; None: the places of the packings.
     """
     return np.logical_and.accumulate(failures(packings, xy) == Failure.NONE, axis=1)
 
@@ -43,9 +45,11 @@ def packed(packings: Packings) -> np.ndarray:
 
 
 def failures(packings: Packings, xy: np.ndarray | None = None) -> np.ndarray:
-    """[N, K] int8: what goes wrong with each placement (`Failure`), if all before it lie where they came down.
+    """[N, K] int8: what goes wrong with each placement (`Failure`), if all boxes before it lie where they came down.
 
-    xy: as `packed_prefixes` takes it.
+    Args:
+        packings: N packings of K boxes.
+        xy: [N, K, 2] places where the boxes came down [m], e.g. with noise; None: the places of the packings.
     """
     if xy is not None:
         packings = replace(packings, xy=xy)
@@ -118,12 +122,13 @@ def _check_balance(found: np.ndarray, low: np.ndarray, high: np.ndarray, z: np.n
 
 
 def _balance(low: np.ndarray, high: np.ndarray, z: np.ndarray, top: np.ndarray) -> np.ndarray:
-    """[N] `Failure`: does the last of K boxes rest in balance, and do those that it rests on?
+    """[N] `Failure`: is the last of K boxes in balance, and are the boxes below it?
 
     A box is in balance if the joint centre of mass of the box and its load lies within the convex hull of the areas on
-    which it rests. From the last box to the first, each hands its weight down. What rests on one box alone has its
-    centre of mass as point of load. How the weight on several divides is not known: each must bear all of it, anywhere
-    in the area of contact. The joint centre of mass is therefore a rectangle, of which all corners are tested.
+    which the box rests. From the last box to the first, each box passes its weight to the boxes below. A box on one box
+    alone loads that box at its centre of mass. A box on several boxes divides its weight in an unknown way: each of
+    these boxes must bear the whole weight, anywhere in the area of contact. The joint centre of mass therefore lies in
+    a rectangle. All corners of the rectangle are tested.
     Arguments: as those of `_check_balance`.
     """
     k, n = z.shape
@@ -151,10 +156,10 @@ def _balance(low: np.ndarray, high: np.ndarray, z: np.ndarray, top: np.ndarray) 
 
 
 def inside_hull(point: np.ndarray, low: np.ndarray, high: np.ndarray, used: np.ndarray) -> np.ndarray:
-    """[N] bool: do points lie inside the convex hull of rectangles? On its border does not count.
+    """[N] bool: do points lie inside the convex hull of rectangles? A point on the border is not inside.
 
-    Exact: a point lies outside, or on the border, if a straight line through it has all corners on one side or on the
-    line; one such line then runs through another corner.
+    The test is exact. A point lies outside, or on the border, if all corners lie on one side of a straight line through
+    the point, or on that line. One such line then runs through a corner.
 
     Args:
         point: [2, N].

@@ -13,11 +13,11 @@ from apf.panda.settings import Judging, Recovery
 from apf.towers import ROTATIONS, Towers
 
 STOOD, FELL, UNPLANNED, GIVEN_UP = "stood", "fell", "no plan", "given up"
-"""How a plan ended: all prefixes stood; one fell; the planner found no solution; execution failed too often."""
+"""How a plan ended: all prefixes stood; a prefix fell; the planner found no plan; execution failed too often."""
 SPARE = [(x, y) for y in (0.0, 0.14, -0.12, 0.26) for x in (0.45, 0.58, 0.34)]
-"""Where a block may be put for a while when its home is taken [m]."""
+"""Spare places [m]: a block may wait here while another block lies in its home."""
 ROOM = 0.004
-"""A home is free if nothing is nearer to the block that belongs there [m]."""
+"""Distance [m]. A home is free if its block, put there, would be at least this far from all other blocks."""
 
 
 @dataclass
@@ -29,7 +29,7 @@ class Builder:
     recovery: Recovery
     ask_for_help: Callable[[str, str], None]
     on_judged: Callable[[], None] | None = None
-    """Called after each placement was judged, e.g. to take a picture."""
+    """The builder calls this function after it has judged a placement, e.g. to take a picture."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -38,13 +38,17 @@ class Builder:
 
     @property
     def homes(self) -> np.ndarray:
-        """[B, 4, 4] where each block is stored."""
+        """[B, 4, 4] pose of each block in its home."""
         return self.robot.reality.layout.home_poses(self.robot.planner.blocks.dims)
 
     # -- building -----------------------------------------------------------------------------------------------
 
     def build(self, tower: Towers) -> tuple[np.ndarray, str]:
-        """Labels [K] int8 of one tower's prefixes (N = 1), and how it ended. The tower, or its ruins, stay."""
+        """Build one tower (N = 1) and judge each prefix. The tower, or its ruins, stay on the table.
+
+        Returns:
+            Labels [K] int8 of the prefixes, and how the plan ended (STOOD, FELL, UNPLANNED or GIVEN_UP).
+        """
         labels = np.full(tower.length, UNOBSERVED, np.int8)
         goals = goal_poses(tower, self.robot.reality.layout.base)
         for i, goal in enumerate(goals):
@@ -63,7 +67,7 @@ class Builder:
     def _place(self, blocks: np.ndarray, goals: np.ndarray, i: int) -> str:
         """Bring the block of placement i to its goal.
 
-        A new attempt starts from wherever the block lies then. Attempts end when the block below has fallen.
+        Each attempt starts where the block lies at that time. Attempts end when the block below has fallen.
         """
         unplanned, block, lost = 0, int(blocks[i]), False
         for _ in range(self.recovery.attempts):
@@ -90,7 +94,10 @@ class Builder:
     # -- clearing up --------------------------------------------------------------------------------------------
 
     def tidy(self) -> None:
-        """Bring every block home, however it lies; what the robot cannot do is done by hand, and counted."""
+        """Bring every block home, however the block lies.
+
+        A person brings home the blocks that the robot cannot bring; the account counts these interventions.
+        """
         tries = np.zeros(len(self.names), int)
         while True:
             self._wait_until_still()
@@ -109,7 +116,7 @@ class Builder:
         self.robot.rest()
 
     def _one_block(self, away: np.ndarray, tries: np.ndarray) -> None:
-        """Move one block: home if that is free and reachable, the highest first; else out of the way."""
+        """Move one block, the highest first: to its home if that is free and a plan is found, else to a spare place."""
         order = [int(b) for b in away[np.argsort(-self.robot.belief.thought[away, 2, 3], kind="stable")]]
         for block in order:
             if self.robot.belief.fits(block, self.homes[block], ROOM):
@@ -127,7 +134,7 @@ class Builder:
             tries[block] += 1
 
     def _spare(self, block: int) -> np.ndarray | None:
-        """[4, 4] where there is room for a block for a while."""
+        """[4, 4] pose in the first spare place that has room for a block; None: no place has room."""
         for x, y in SPARE:
             where = pose((x, y, self.robot.planner.blocks.dims[block, 2] / 2))
             if self.robot.belief.fits(block, where, 0.05):
@@ -135,7 +142,7 @@ class Builder:
         return None
 
     def _at_home(self) -> np.ndarray:
-        """[B] bool, as it is believed."""
+        """[B] bool: is each block believed to be in its home?"""
         sight = self.robot.sight
         near = self.recovery.home_position + 4 * sight.position
         turn = np.deg2rad(self.recovery.home_rotation + 4 * sight.rotation)
@@ -147,7 +154,7 @@ class Builder:
         )
 
     def _wait_until_still(self) -> None:
-        """Let what is falling come to lie, for two seconds at most."""
+        """Wait until all blocks are still, for two seconds at most."""
         reality = self.robot.reality
         for _ in range(20):
             speeds = [np.abs(reality.client.getBaseVelocity(body)).max() for body in reality.bodies]
@@ -166,7 +173,7 @@ class Builder:
         return attempts[-1].outcome if attempts and attempts[-1].outcome != DONE else "jammed"
 
     def _by_hand(self, block: int, cause: str) -> None:
-        """Somebody puts a block home, and whatever lies there."""
+        """A person puts a block home. Blocks that lie there are put home, too."""
         self.ask_for_help(self.names[block], cause)
         self.robot.account.entries.append(Entry(INTERVENTION, self.names[block], cause))
         waiting, done = [block], set()
@@ -182,6 +189,6 @@ class Builder:
 
 
 def goal_poses(tower: Towers, base: tuple[float, float]) -> np.ndarray:
-    """[K, 4, 4] where the blocks of one tower (N = 1) belong, its origin on the base."""
+    """[K, 4, 4] goal poses of the blocks of one tower (N = 1). The origin of the tower is at the base."""
     places = zip(tower.xy[0] + np.array(base), tower.z[0], tower.rotation[0])
     return np.array([pose((*xy, z), ROTATIONS[rotation]) for xy, z, rotation in places])

@@ -11,7 +11,7 @@ from apf.errors import InputError
 
 @contextmanager
 def _silent() -> Iterator[None]:
-    """What native code prints meanwhile is dropped."""
+    """Drop the output of native code meanwhile."""
     for stream in (sys.stdout, sys.stderr):
         stream.flush()
     kept = [os.dup(1), os.dup(2)]
@@ -38,7 +38,7 @@ EXTRAS = (
     pybullet.COV_ENABLE_DEPTH_BUFFER_PREVIEW,
     pybullet.COV_ENABLE_SEGMENTATION_MARK_PREVIEW,
 )
-"""What a window has besides the scene."""
+"""Parts of a window besides the scene."""
 
 VIEW = {
     "cameraTargetPosition": (0.22, 0.0, 0.25),
@@ -46,7 +46,7 @@ VIEW = {
     "cameraYaw": 52.0,
     "cameraPitch": -26.0,
 }
-"""Where a window looks from at first [m, deg]: as films do by default."""
+"""First viewpoint of a window [m, deg]: the default viewpoint of films."""
 
 
 def connect(gui: bool = False) -> Any:

@@ -24,7 +24,7 @@ class Layout:
     """From where to where the table reaches."""
     table_y: Interval = (-0.95, 0.95)
     base: tuple[Coordinate, Coordinate] = (0.45, 0.0)
-    """Where the origin of a tower's coordinates lies."""
+    """Origin of a tower's coordinates [m]."""
     pedestal: tuple[Coordinate, Coordinate] = (0.4, -0.28)
     pedestal_size: tuple[Metres, Metres, Metres] = (0.09, 0.09, 0.10)
     homes_radius: Metres = 0.56
@@ -32,7 +32,7 @@ class Layout:
     homes_at: Angles = Field(default_factory=lambda: list(HOMES))
     """[deg] where on the arc each block's place is, in the order of the set."""
     margin: Metres = 0.08
-    """What stands on the table keeps this far from its edges."""
+    """Least distance of base, pedestal and homes from the edges of the table [m]."""
 
     @model_validator(mode="after")
     def _on_the_table(self) -> "Layout":

@@ -70,7 +70,7 @@ def check_places(towers: Towers, layout: Layout) -> None:
 
 
 def highest(layout: Layout, reach: Reach) -> float:
-    """How high a tower may be [m]: its top block can still be lowered onto it, the hand pointing down."""
+    """Largest height of a tower [m]: the arm, its hand pointing down, can still lower the top block onto the tower."""
     for centimetres in range(100, 0, -1):
         target = pose((*layout.base, centimetres / 100 + reach.lift), DOWN)
         if len(inverse_kinematics(target, posture(target))):

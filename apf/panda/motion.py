@@ -18,7 +18,7 @@ ou.setLogLevel(ou.LogLevel.LOG_NONE)  # RRT-Connect tells of each start and goal
 
 
 END = 0.05
-"""Within this distance of its start and its goal [rad] a motion keeps the clearance `near`, as straight lines do."""
+"""Distance [rad]. Nearer than this to its start or goal, a motion keeps the clearance `near`, not `clearance`."""
 
 
 @settings
@@ -26,9 +26,9 @@ class MotionSettings:
     """How motions are planned."""
 
     clearance: Annotated[Number, Field(ge=0, le=1)] = 0.008
-    """From everything, in a motion from place to place [m]."""
+    """Distance to all obstacles in a motion from place to place [m]."""
     near: Annotated[Number, Field(ge=0, le=1)] = 0.001
-    """From everything but the block itself, in approach, lift, lower, retreat [m]."""
+    """Distance to all obstacles but the block itself in approach, lift, lower and retreat [m]."""
     step: Annotated[Number, Field(ge=0.001, le=1)] = 0.025
     """Distance between the points at which collisions are checked [rad], in the joint that moves most. At the arm's
     full length this is about two clearances, so the arm passes through nothing between two points."""
@@ -49,10 +49,10 @@ def find_motion(
     seed: int,
     ignore: Collection[int] = (),
 ) -> np.ndarray | None:
-    """[M, 7] joints from start [7] to goal [7], both included, along which nothing is touched; None: none was found.
+    """Find a motion that touches nothing.
 
-    A straight line if that is free, or two with the arm raised between them, else by RRT-Connect, shortened. Depends on
-    nothing but the arguments.
+    The function tries three kinds of motion in this order: a straight line; two straight lines, with the arm raised
+    between them; a path of RRT-Connect, shortened. The same arguments give the same motion.
 
     Args:
         belief: Where everything is thought to be.
@@ -60,8 +60,11 @@ def find_motion(
         goal: [7] joints [rad].
         held: What the hand holds, if anything.
         how: The settings.
-        seed: Of all draws.
-        ignore: Blocks that do not count.
+        seed: Seed of RRT-Connect.
+        ignore: Blocks that the motion may touch.
+
+    Returns:
+        [M, 7] joints [rad] along the motion, start and goal included; None: no motion was found.
     """
 
     def free(q: np.ndarray) -> bool:
@@ -78,12 +81,12 @@ def find_motion(
 
 
 def between(start: np.ndarray, goal: np.ndarray, step: float) -> np.ndarray:
-    """[M, 7] points on the line between two configurations, ends left out, at most `step` [rad] apart; middle first.
+    """[M, 7] points on the line between two configurations, without the ends. The point in the middle comes first.
 
     Args:
         start: [7] joints [rad].
         goal: [7] joints [rad].
-        step: Between neighbours, at most [rad].
+        step: Largest distance between neighbours [rad].
     """
     n = int(np.ceil(np.abs(goal - start).max() / step))
     order = sorted(range(1, n), key=lambda i: (-(i & -i), i))
@@ -91,7 +94,7 @@ def between(start: np.ndarray, goal: np.ndarray, step: float) -> np.ndarray:
 
 
 def _above(start: np.ndarray, goal: np.ndarray) -> np.ndarray:
-    """[7] half way, but nearer to the posture of rest, in which the hand is high above the table."""
+    """[7] joints half way, moved towards the posture of rest. In that posture the hand is high above the table."""
     middle = (start + goal) / 2
     middle[1:6] = 0.7 * REST[1:6] + 0.3 * middle[1:6]
     return middle

@@ -31,7 +31,7 @@ PEDESTAL_MARGIN = 0.01
 
 @settings
 class Search:
-    """How long a plan is looked for."""
+    """Limits of the search for a plan."""
 
     stations: Count = 150
     """Stations that samplers may try for one plan."""
@@ -47,18 +47,18 @@ class NoPlan(Exception):
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """What the robot does next: a move along `path` [M, 7], or a pick, place or regrasp at a station."""
+    """One step of the robot: a move along `path` [M, 7], or a pick, place or regrasp at a station."""
 
     action: str
     station: Station
     path: np.ndarray | None = None
     pose: np.ndarray | None = None
-    """Where the block is, or is put [4, 4]."""
+    """[4, 4] pose at which the block lies, or is put."""
 
 
 @dataclass
 class Effort:
-    """What planning took: task plans, those given up for want of a motion, stations tried, motions looked for."""
+    """Counts of planning: task plans, task plans without a motion, stations tried, motions searched for."""
 
     plans: int = 0
     replans: int = 0
@@ -77,7 +77,15 @@ class _Query:
 
 
 class Planner:
-    """Plans with a block set in a belief."""
+    """Plans with a block set in a belief.
+
+    Args:
+        belief: Where everything is thought to be. The block set is the one that the belief holds.
+        gripper: What the fingers can hold.
+        reach: Of the arm.
+        motion: How motions are planned.
+        search: How long the planner searches.
+    """
 
     def __init__(self, belief: Belief, gripper: Gripper, reach: Reach, motion: MotionSettings, search: Search) -> None:
         self.belief, self.gripper, self.reach, self.motion, self.search = belief, gripper, reach, motion, search
@@ -103,13 +111,14 @@ class Planner:
     def plan(self, block: int, goal: np.ndarray, q: np.ndarray, rng: np.random.Generator) -> list[Step]:
         """The steps that bring a block from where it is thought to be to a pose [4, 4], starting from joints q [7].
 
-        Raises NoPlan.
-
         Args:
             block: Its number.
             goal: [4, 4] pose.
             q: [7] joints from which the arm starts [rad].
             rng: The source of all draws.
+
+        Raises:
+            NoPlan: No grasp, or no motion, was found.
         """
         query = _Query(block, {NOW: self.belief.thought[block], GOAL: goal})
         self.effort = Effort()

@@ -48,7 +48,16 @@ class Arm:
 
 
 class Reality(Scene):
-    """A scene with gravity. Time passes only in `step` and what calls it."""
+    """A scene with gravity. Time passes only in `step` and in functions that call `step`.
+
+    Args:
+        layout: Places on the table.
+        physics: Settings of the simulation.
+        arm: Speeds of the joints.
+        gripper: What the fingers can hold.
+        hold: How the hand holds a block: by friction alone, or tied to the hand, too (constraint).
+        gui: Show a window?
+    """
 
     movable = True
 

@@ -25,13 +25,13 @@ class Handling:
     correct: bool = True
     """Look at the block in the hand before it is lowered, and correct for how it lies there."""
     gap: Annotated[Number, Field(ge=0, le=0.1)] = 0.001
-    """It is let go this far above where it will lie [m]."""
+    """Height above its place at which the hand lets a block go [m]."""
     pause: Annotated[Number, Field(ge=0, le=60)] = 0.1
-    """Before the gripper opens [s]."""
+    """Time that the arm waits before the gripper opens [s]."""
     width: Annotated[Number, Field(gt=0, le=0.1)] = 0.006
-    """It is not held if the fingers are wider or narrower than its side by so much [m]."""
+    """A block counts as not held if the width between the fingers differs so much from the side of the block [m]."""
     slip: Annotated[Number, Field(gt=0, le=1)] = 0.03
-    """It is lost if it lies so far from where it should in the hand [m]."""
+    """A block counts as lost if it lies so far from its expected place in the hand [m]."""
 
 
 @settings
@@ -39,18 +39,18 @@ class Judging:
     """When a prefix stands: the last block is where it should be."""
 
     settle: Annotated[Number, Field(gt=0, le=60)] = 1.0
-    """Seconds after a placement, simulated."""
+    """Simulated time between a placement and its judgement [s]."""
     position: Annotated[Number, Field(gt=0, le=1)] = 0.02
-    """[m] it may be away from its place."""
+    """Largest distance of the block from its place [m]."""
     rotation: Annotated[Number, Field(gt=0, lt=90)] = 12.0
-    """[deg] it may be turned."""
+    """Largest turn of the block [deg]."""
 
 
 class Help(StrEnum):
     """What happens when the robot cannot go on by itself."""
 
     AUTO = "auto"
-    """The block is put home, as a person would, and counted."""
+    """The program puts the block home, as a person would. The account counts this."""
     ASK = "ask"
     """A person at the terminal is asked to put it home."""
     STOP = "stop"
@@ -62,9 +62,9 @@ class Recovery:
     """How often the robot tries again."""
 
     attempts: Few = 4
-    """To place a block of a tower, before the plan is given up."""
+    """Attempts to place a block of a tower, before the plan is given up."""
     tries: Few = 5
-    """To bring a block home, before a person is needed."""
+    """Attempts to bring a block home, before a person is needed."""
     home_position: Annotated[Number, Field(gt=0, le=1)] = 0.015
     """A block is at home if it seems to be so near to its place [m], four standard deviations of the estimate added,"""
     home_rotation: Degrees = 8.0

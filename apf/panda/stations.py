@@ -35,10 +35,14 @@ class Reach:
 
 @dataclass(frozen=True, eq=False)
 class Station:
-    """Where a block at a pose is held by a grasp.
+    """A way to hold a block at a pose by a grasp.
 
-    q: [7] with the block between the fingers. approach: [M, 7] from before the block to q, gripper open. lift: [M, 7]
-    from q to above, the block held. held: the block in the hand.
+    Attributes:
+        grasp: Number of the grasp.
+        q: [7] joints [rad] with the block between the fingers.
+        approach: [M, 7] joints [rad] from before the block to q, gripper open.
+        lift: [M, 7] joints [rad] from q to above, the block held.
+        held: The block in the hand.
     """
 
     grasp: int
@@ -83,7 +87,7 @@ def find_station(
 ) -> Station | None:
     """The first way found to hold a block at a pose [4, 4] by a grasp that touches nothing else; None: there is none.
 
-    What lies where the block is now does not count: it is the block.
+    The block itself is no obstacle at the place where it lies now.
 
     Args:
         belief: Where everything is thought to be.

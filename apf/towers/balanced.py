@@ -55,14 +55,18 @@ def balanced_towers(
 ) -> tuple[Towers, np.ndarray]:
     """A test set of n towers, half standing and half not (Section Model Architecture and Generalization).
 
-    Returns the towers and their labels [n] bool. Raises ValueError if n is odd.
-
     Args:
         blocks: The set.
         length: Blocks of a tower.
-        n: How many towers.
+        n: How many towers; an even number.
         rng: The source of all draws.
         offset: Distribution of x-y offsets.
+
+    Returns:
+        The towers, and their labels [n] bool.
+
+    Raises:
+        ValueError: n is odd.
     """
     if n % 2:
         raise ValueError(f"a balanced set needs an even number of towers, not {n}")

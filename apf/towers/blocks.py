@@ -122,7 +122,7 @@ def first_fault(names: Sequence[str], dims: np.ndarray, com: np.ndarray, mass: n
 
 
 def _fault(name: str, dims: np.ndarray, com: np.ndarray, mass: float) -> str | None:
-    """What is wrong with the numbers of one block, behind its name."""
+    """The name of a block, and the fault in its numbers; None: no fault."""
     sides = f"{name}: dim_x, dim_y, dim_z = {_show(dims)}"
     if not (np.isfinite(dims).all() and (dims > 0).all()):
         return f"{sides}; sides must be > 0 [m]"

@@ -140,7 +140,7 @@ class TowerDomain(Domain):
         ]
 
     def encoded_length(self, plan: dict[str, Any]) -> int:
-        """How many placements a plan has that `encode` wrote. Raises ValueError if it is not one of this domain."""
+        """Number of placements of a plan that `encode` wrote. Raises ValueError if the plan is of another domain."""
         n = len(self.training_blocks)
         match plan:
             case {"block": [*block], "rotation": [*rotation], "xy": [*xy]} if len(block) == len(rotation) == len(xy):

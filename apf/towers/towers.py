@@ -103,14 +103,15 @@ def random_towers(
 ) -> Towers:
     """n random towers of `length` different blocks: order, rotations and offsets drawn independently.
 
-    Raises ValueError if the set has fewer than `length` blocks.
-
     Args:
         blocks: The set.
         length: Blocks of a tower.
         n: How many towers.
         rng: The source of all draws.
         offset: Distribution of x-y offsets.
+
+    Raises:
+        ValueError: The set has fewer than `length` blocks.
     """
     if length > len(blocks):
         raise ValueError(f"towers of {length} blocks need as many different blocks; the set has {len(blocks)}")
@@ -125,12 +126,13 @@ def random_towers(
 def random_extensions(towers: Towers, rng: np.random.Generator, offset: Offset = PUBLISHED_OFFSET) -> Towers:
     """Each tower with one more random placement of a block that it does not hold yet: [N, K] -> [N, K + 1].
 
-    Raises ValueError if the towers already hold every block of the set.
-
     Args:
         towers: N towers of K blocks.
         rng: The source of all draws.
         offset: Distribution of x-y offsets.
+
+    Raises:
+        ValueError: The towers already hold every block of the set.
     """
     n, k, b = len(towers), towers.length, len(towers.blocks)
     if k >= b:
