@@ -1,7 +1,9 @@
 """What tests share: block sets, a domain, towers made by hand, and a model that never learns."""
 
 import importlib
+import sys
 from collections.abc import Callable, Sequence
+from pathlib import Path
 
 import hypothesis
 import numpy as np
@@ -9,6 +11,9 @@ import pytest
 
 from apf.domain import Kind
 from apf.towers import BlockSet, BlockSource, TowerDomain, Towers
+
+sys.path.append(str(Path(__file__).parents[1]))  # `benchmarks` is no part of the package; at the end, so that `apf`
+# and `analysis` are those that are installed
 
 hypothesis.settings.register_profile("apf", deadline=None, derandomize=True, max_examples=50)
 hypothesis.settings.load_profile("apf")

@@ -69,11 +69,12 @@ def _without_devices(arguments: Any) -> Any:
 class PretendGPU(TorchFunctionMode):
     """See above. moves: how many tensors came back from the GPU, each of which waits for it.
 
-    replaying: a graph is replayed, which looks at no device.
+    replaying: a graph is replayed, which looks at no device. capturing: a graph is recorded.
     """
 
     moves = 0
     replaying = False
+    capturing = False
 
     def __torch_function__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
         kwargs = kwargs or {}
@@ -202,7 +203,8 @@ def _shares(tensor: Tensor, args: Any, kwargs: Any) -> bool:
 @contextmanager
 def _recording(graph: PretendGraph, pool: object = None) -> Iterator[None]:
     """Stands for `torch.cuda.graph`."""
-    with _Recorder(graph):
+    with _Recorder(graph), pytest.MonkeyPatch.context() as patch:
+        patch.setattr(PretendGPU, "capturing", True)
         yield
 
 
@@ -212,6 +214,9 @@ def pretend_gpu() -> Iterator[PretendGPU]:
     gradients, grouped = torch.autograd.grad, torch.optim.Optimizer._group_tensors_by_device_and_dtype
     with pytest.MonkeyPatch.context() as patch, PretendGPU() as gpu:
         patch.setattr(torch.cuda, "is_available", lambda: True)
+        stream = SimpleNamespace(is_capturing=lambda: PretendGPU.capturing)
+        patch.setattr(torch.accelerator, "current_accelerator", lambda check_available=False: CUDA)
+        patch.setattr(torch.accelerator, "current_stream", lambda device=None: stream)
         patch.setattr(torch.cuda, "CUDAGraph", PretendGraph)
         patch.setattr(torch.cuda, "graph", _recording)
         patch.setattr(torch.cuda, "graph_pool_handle", lambda: (0, 0))

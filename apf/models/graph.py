@@ -6,9 +6,8 @@ from functools import lru_cache
 import torch
 from pydantic import PositiveInt, validate_call
 from torch import Tensor, nn
-from torch_geometric.nn.aggr import MeanAggregation
-from torch_geometric.nn.conv import MessagePassing
 
+from apf.models.geometric import MeanAggregation, MessagePassing
 from apf.models.layers import EnsembleLinear, EnsembleNetwork
 from apf.settings import Few, Width
 

@@ -18,6 +18,7 @@ def versions() -> dict[str, str]:
             found[name] = version(name)
         except PackageNotFoundError:  # a checkout that is not installed
             found[name] = "not installed"
+    found["torch"] = str(torch.__version__)  # says which build it is, too
     cpu = f"{platform.machine()} {torch.backends.cpu.get_cpu_capability()}"
     return {**found, "python": platform.python_version(), "cpu": cpu}
 
