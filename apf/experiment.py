@@ -12,7 +12,7 @@ from apf.acquisition import Sampler
 from apf.domain import Predictor, World, carry_out
 from apf.errors import Stopped
 from apf.models import Ensemble
-from apf.planning import Evaluator
+from apf.planning import Evaluator, regret_table
 from apf.planning.objective import metrics_of
 from apf.rng import stream
 from apf.rundir.store import Store
@@ -170,9 +170,9 @@ class Experiment:
             save: Writes the predictor's weights; None: it has none.
         """
         labelled = self.store.count(until=step)
-        regret = self.evaluator.regret(predictor, step, labelled)
+        chosen = self.evaluator.plan(predictor, step)
         accuracy = self.evaluator.accuracy(predictor, step, labelled)
-        self.store.record_evaluation(step, regret, accuracy, save)
+        self.store.record_evaluation(step, regret_table(chosen, step, labelled), accuracy, chosen, save)
         self.tracker.log(self.evaluation_metrics(step))
 
     def history(self) -> list[Metrics]:

@@ -15,8 +15,9 @@ from apf.errors import InputError
 from apf.launch.cli import one_line_errors, run_command
 from apf.rundir.claim import CONFIG, JOURNAL, STATE, locked
 from apf.rundir.directory import check_objects, reopen
+from apf.rundir.labels import VALUE
 from apf.rundir.resume import as_literal, kept_config, shut_off
-from apf.rundir.store import VALUE, Store
+from apf.rundir.store import Store
 from apf.schema import Config
 from apf.settings import CountOrNone, settings
 

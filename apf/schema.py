@@ -15,7 +15,7 @@ from apf.domain import Domain, Predictor, Task, World
 from apf.errors import InputError
 from apf.experiment import Acquisition, Execution, Initial
 from apf.models import EnsembleSettings, Training
-from apf.planning import EvaluationSettings, Learned, MonteCarloPlanner
+from apf.planning import EvaluationSettings, Learned, Planner
 from apf.planning.objective import Objective, check_objective
 from apf.settings import Count, Few, Name, Seed, settings
 from apf.tracking import Tracker
@@ -37,7 +37,7 @@ class Config:
     sampler: Sampler
     world: World
     task: dict[str, Task]
-    planner: MonteCarloPlanner
+    planner: Planner
     predictor: Predictor | Learned
     tracker: Tracker
     device: Name

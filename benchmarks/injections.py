@@ -36,7 +36,7 @@ TINY = (
 )
 START = (*TINY, "hydra.run.dir=run")
 RESUME = ("resume=run",)
-KEPT = ("plans.parquet", "regret.parquet", "accuracy.parquet")
+KEPT = ("plans.parquet", "regret.parquet", "accuracy.parquet", "evaluation_plans.parquet")
 
 
 @dataclass

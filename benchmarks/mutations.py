@@ -47,7 +47,7 @@ TESTS = {
     "apf/acquisition/sampler.py": ("test_samplers",),
     "apf/acquisition/scores.py": ("test_scores", "test_samplers"),
     "apf/planning/evaluation.py": ("test_evaluation",),
-    "apf/planning/planner.py": ("test_planner", "test_evaluation"),
+    "apf/planning/monte_carlo.py": ("test_planner", "test_evaluation"),
     "apf/towers/predictors.py": ("test_predictors",),
     "apf/towers/stability.py": ("test_stability",),
     "apf/models/training.py": ("test_training",),

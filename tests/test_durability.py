@@ -113,12 +113,12 @@ def test_a_label_is_on_the_disk_in_a_folder_that_somebody_else_just_made(disk: D
         name = str((run / "journal.jsonl").relative_to(tmp_path))
         assert towers(disk.after_a_cut()[name]) == [0]
         evaluation = [pd.DataFrame(columns=columns) for columns in (["a"], ["b"])]
-        store.record_evaluation(0, *evaluation, lambda half: half.write_bytes(b"weights") and None)
+        store.record_evaluation(0, *evaluation, [], lambda half: half.write_bytes(b"weights") and None)
         found = disk.after_a_cut()
         store.close()
     written = {str(path.relative_to(tmp_path)): path.read_bytes() for path in run.rglob("*.*")}
     assert {name: text for name, text in found.items() if not name.endswith("/lock")} == written
-    assert len(written) == 5
+    assert len(written) == 6
 
 
 def test_folders_are_made_durably(disk: Disk, tmp_path: Path) -> None:

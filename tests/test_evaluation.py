@@ -5,12 +5,13 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 from pydantic import ValidationError
 
 from apf.domain import Predictor, Task, World
 from apf.errors import Stopped
-from apf.planning import EvaluationSettings, Evaluator, MonteCarloPlanner
+from apf.planning import EvaluationSettings, Evaluator, MonteCarloPlanner, regret_table
 from apf.rng import stream
 from apf.rundir.columns import ACCURACY_COLUMNS, REGRET_COLUMNS
 from apf.towers import AnalyticWorld, Overhang, Tallest, TowerDomain, Towers, stands
@@ -140,12 +141,16 @@ def evaluator_with(
     return Evaluator(settings_with(**others), domain, planner, tasks, lambda *what: said.append(what), limit), said
 
 
+def regret_of(evaluator: Evaluator, predictor: Predictor, step: int, labelled: int) -> pd.DataFrame:
+    return regret_table(evaluator.plan(predictor, step), step, labelled)
+
+
 def problem(domain: TowerDomain, number: int, candidates: int = CANDIDATES) -> Towers:
     return domain.problem(3, candidates, stream(5, "problem", number))
 
 
 def test_columns_are_those_that_the_tables_on_disk_have() -> None:
-    assert " ".join(REGRET_COLUMNS) == "step plans task problem world value best_value regret feasible"
+    assert " ".join(REGRET_COLUMNS) == "step plans task problem world value chance best_value regret feasible"
     assert " ".join(ACCURACY_COLUMNS) == "step plans length accuracy auc n"
 
 
@@ -153,7 +158,7 @@ class TestRegret:
     def test_who_knows_what_stands_regrets_nothing_where_it_stands(self, domain: TowerDomain) -> None:
         worlds = {"analytic": AnalyticWorld(), "falls": Falls()}
         evaluator, said = evaluator_with(domain, worlds=worlds)
-        table = evaluator.regret(Says(lambda plans: stands(plans).astype(float)), step=3, labelled=70)
+        table = regret_of(evaluator, Says(lambda plans: stands(plans).astype(float)), step=3, labelled=70)
         assert table.columns.tolist() == REGRET_COLUMNS
         assert said == [(3, "planning", 1, 2), (3, "planning", 2, 2)]
         expected = []
@@ -164,12 +169,12 @@ class TestRegret:
                 assert best > 0
                 for world in worlds:
                     fell = world == "falls"
-                    expected.append([3, 70, name, number, world, best, best, float(fell), not fell])
+                    expected.append([3, 70, name, number, world, best, 1.0, best, float(fell), not fell])
         assert table.astype(object).to_numpy().tolist() == expected
 
     def test_who_believes_in_every_tower_gets_nothing_for_those_that_fall(self, domain: TowerDomain) -> None:
         evaluator, _ = evaluator_with(domain, problems=5)
-        table = evaluator.regret(Says(lambda plans: np.ones(len(plans))), step=0, labelled=0)
+        table = regret_of(evaluator, Says(lambda plans: np.ones(len(plans))), step=0, labelled=0)
         tallest = table[table["task"] == "tallest"]
         for number, row in zip(range(5), tallest.itertuples(), strict=True):
             candidates = problem(domain, number)
@@ -191,7 +196,7 @@ class TestRegret:
             return stands(plans) & (TASKS["overhang"].value(plans) <= second)
 
         evaluator, _ = evaluator_with(domain, {"overhang": TASKS["overhang"]}, problems=1)
-        (row,) = evaluator.regret(Says(all_but_the_best), step=0, labelled=0).itertuples()
+        (row,) = regret_of(evaluator, Says(all_but_the_best), step=0, labelled=0).itertuples()
         best = values[standing].max()
         assert row.value == second
         assert row.best_value == best
@@ -200,49 +205,67 @@ class TestRegret:
 
     def test_where_nothing_is_worth_anything_there_is_no_regret(self, domain: TowerDomain) -> None:
         evaluator, _ = evaluator_with(domain, {"worthless": Worthless()})
-        table = evaluator.regret(Says(stands), step=0, labelled=0)
+        table = regret_of(evaluator, Says(stands), step=0, labelled=0)
         assert table["regret"].isna().tolist() == [True, True]
         assert table["best_value"].tolist() == [0.0, 0.0]
 
     def test_where_nothing_stands_there_is_no_regret(self, domain: TowerDomain) -> None:
         evaluator, _ = evaluator_with(domain, candidates=1, problems=10)
-        table = evaluator.regret(Says(lambda plans: np.ones(len(plans))), step=0, labelled=0)
+        table = regret_of(evaluator, Says(lambda plans: np.ones(len(plans))), step=0, labelled=0)
         stood = [bool(stands(problem(domain, number, 1))[0]) for number in range(10)]
         assert table["regret"].notna().tolist() == [value for value in stood for _ in TASKS]
         assert table["best_value"].gt(0).tolist() == [value for value in stood for _ in TASKS]
         assert set(table["best_value"][table["regret"].isna()]) == {0.0}
 
     def test_every_draw_is_its_own_and_the_same_each_time(self, domain: TowerDomain) -> None:
-        drawn = []
+        drawn: list[list[float]] = []
+        chances: list[list[float]] = []
         for step in (3, 3, 4):
             worlds = {"one": Falls(), "other": Falls()}
             predictor = Draws()
             evaluator, _ = evaluator_with(domain, worlds=worlds)
-            evaluator.regret(predictor, step=step, labelled=70)
-            drawn.append([*predictor.drew, *worlds["one"].drew, *worlds["other"].drew])
+            regret_of(evaluator, predictor, step=step, labelled=70)
+            assert len(predictor.drew) == 4, "twice about the candidates, twice about the prefixes of what was chosen"
+            chances.append(predictor.drew[2:])
+            drawn.append([*predictor.drew[:2], *worlds["one"].drew, *worlds["other"].drew])
             assert all(len(tower) == 1 for world in worlds.values() for tower in world.tried)
         purposes = [stream(5, "predictor", 3, number) for number in range(2)]
         for world in ("one", "other"):
             purposes += [stream(5, f"reward in {world}", 3, number, task) for number in range(2) for task in range(2)]
         assert drawn[0] == [rng.random() for rng in purposes]
         assert drawn[0] == drawn[1]
+        assert chances[0][0] == stream(5, "chances", 3).random()
+        assert chances[0] == chances[1] != chances[2]
         assert len({*drawn[0], *drawn[2]}) == 20
 
     def test_what_stands_is_worked_out_once_for_each_problem(self, domain: TowerDomain) -> None:
         counting = Counting(domain)
         evaluator, _ = evaluator_with(counting)
-        tables = [evaluator.regret(Says(stands), step=step, labelled=0) for step in (0, 1)]
+        tables = [regret_of(evaluator, Says(stands), step=step, labelled=0) for step in (0, 1)]
         assert counting.judged == 2
         assert tables[0]["best_value"].tolist() == tables[1]["best_value"].tolist()
 
     def test_a_tower_that_takes_too_long_ends_it(self, domain: TowerDomain) -> None:
         evaluator, _ = evaluator_with(domain, limit=0.05, worlds={"slow": Slow()})
         with pytest.raises(Stopped, match=r"the plan chosen for tallest in problem 0 took longer .*0\.05 s"):
-            evaluator.regret(Says(stands), step=0, labelled=0)
+            regret_of(evaluator, Says(stands), step=0, labelled=0)
+
+    def test_the_chance_of_each_prefix_is_kept(self, domain: TowerDomain) -> None:
+        """A predictor that halves the chance with each block says 1, 1/2, 1/4 of the prefixes of three blocks."""
+        evaluator, _ = evaluator_with(domain, worlds={"analytic": AnalyticWorld(), "falls": Falls()})
+        chosen = evaluator.plan(Says(lambda plans: np.full(len(plans), 0.5 ** (plans.length - 1))), step=0)
+        assert [(each.task, each.problem) for each in chosen] == [(t, n) for n in range(2) for t in TASKS]
+        for each in chosen:
+            assert each.chances.tolist() == [1.0, 0.5, 0.25]
+            assert each.chance == 0.25
+            assert len(each.plan) == 1
+            assert each.value == TASKS[each.task].value(each.plan)[0]
+            assert each.outcomes["falls"].labels.tolist() == [1, 1, 0]
+            assert (each.outcomes["analytic"].labels == 1).all() == stands(each.plan)[0]
 
     def test_without_problems_there_are_no_rows(self, domain: TowerDomain) -> None:
         evaluator, _ = evaluator_with(domain, problems=0)
-        table = evaluator.regret(Says(stands), step=0, labelled=0)
+        table = regret_of(evaluator, Says(stands), step=0, labelled=0)
         assert (len(table), table.columns.tolist()) == (0, REGRET_COLUMNS)
 
 

@@ -51,14 +51,14 @@ def grow(store: Store, domain: TowerDomain, towers: int, every: int, reports: bo
 def evaluate(store: Store, step: int, towers: int, rng: np.random.Generator) -> None:
     """Record an evaluation of two problems, one of which has no regret."""
     rows = [
-        (step, towers, task, problem, world, rng.random(), 0.9, rng.random() if problem else np.nan, bool(problem))
+        (step, towers, task, problem, world, rng.random(), 0.5, 0.9, rng.random() if problem else np.nan, bool(problem))
         for problem in range(2)
         for task in ("tallest", "overhang")
         for world in ("noisy", "analytic")
     ]
     accuracy = [(step, towers, length, rng.random(), rng.random(), 10) for length in (2, 3)]
     store.record_evaluation(
-        step, pd.DataFrame(rows, columns=REGRET_COLUMNS), pd.DataFrame(accuracy, columns=ACCURACY_COLUMNS)
+        step, pd.DataFrame(rows, columns=REGRET_COLUMNS), pd.DataFrame(accuracy, columns=ACCURACY_COLUMNS), []
     )
 
 

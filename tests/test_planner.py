@@ -239,7 +239,7 @@ def test_tasks_that_share_a_pool_do_not_disturb_each_other(plans, kind, chunk):
     planner = MonteCarloPlanner(candidates=len(plans), chunk=chunk)
     pool = planner.pool(plans, kind(), np.random.default_rng(0))
     first, second, first_again = (planner.plan(task, pool) for task in (Worth(), OtherWorth(), Worth()))
-    assert first == first_again
+    assert (first.index, first.expected) == (first_again.index, first_again.expected)
     assert first.index == exhaustive(plans)[0]
     assert second.index == exhaustive(Plans(plans.row, plans.chance, OtherWorth().value(plans)))[0]
 
@@ -260,7 +260,7 @@ class TestEdges:
         asked = predictor()
         choice = plan(make(np.ones((4, 2)), np.zeros(4)), asked)
         assert (choice.index, choice.value, choice.expected) == (0, 0.0, 0.0)
-        assert not asked.asked, "worthless plans need no look"
+        assert set(asked.asked) <= {0}, "of worthless plans, only the chosen one needs a look"
 
     def test_a_single_candidate(self, predictor):
         choice = plan(make([[0.5, 0.25]], [8]), predictor())

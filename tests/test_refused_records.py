@@ -34,7 +34,20 @@ def plans(**changes: Any) -> dict[str, Any]:
     return {"step": 1, "plans": [{"split": "train", "score": None, "plan": PLAN} | changes]}
 
 
-EVALUATION = {"step": 1, "regret": [[0] * len(REGRET_COLUMNS)], "accuracy": [[0] * len(ACCURACY_COLUMNS)]}
+EVALUATION = {
+    "step": 1,
+    "regret": [[0] * len(REGRET_COLUMNS)],
+    "accuracy": [[0] * len(ACCURACY_COLUMNS)],
+    "chosen": [],
+}
+
+
+def chosen(**changes: Any) -> dict[str, Any]:
+    """The content of an evaluation that chose one plan of two placements."""
+    outcomes = {"noisy": {"labels": "10"}}
+    plan = {"task": "tallest", "problem": 0, "plan": PLAN, "value": 0.5, "chances": [1, 0.9], "outcomes": outcomes}
+    return EVALUATION | {"weights": None, "chosen": [plan | changes]}
+
 
 WRONG = {
     "an unknown kind": ("dream", {"plan": 0}, "records of kind 'dream' are unknown"),
@@ -80,6 +93,16 @@ WRONG = {
         "evaluation",
         EVALUATION | {"weights": None, "regret": [[1, 2]]},
         f"regret is no rows of {len(REGRET_COLUMNS)} values",
+    ),
+    "chosen plans that are none": ("evaluation", chosen() | {"chosen": {}}, "chosen is no list of plans"),
+    "a chosen plan with more in it": ("evaluation", chosen(colour="red"), "a chosen plan is not chances, outcomes"),
+    "a chosen plan of something else": ("evaluation", chosen(plan={"pack": [1]}), "a plan is not block"),
+    "chances too few": ("evaluation", chosen(chances=[1.0]), "chances are not those of 2 prefixes"),
+    "an outcome without labels": ("evaluation", chosen(outcomes={"noisy": {}}), "labels are None"),
+    "an outcome of other labels": (
+        "evaluation",
+        chosen(outcomes={"noisy": {"labels": "111"}}),
+        "an outcome has no labels of 2 prefixes",
     ),
 }
 

@@ -10,14 +10,15 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from apf.domain import Scored
+from apf.domain import Domain, Outcome, Scored
 from apf.errors import InputError, Stopped
+from apf.rundir.chosen import ChosenPlan
 from apf.rundir.columns import ACCURACY_COLUMNS, REGRET_COLUMNS
 from apf.rundir.store import Store
-from apf.towers import TowerDomain
+from apf.towers import TowerDomain, read_towers
 
 NAN = float("nan")
-TABLES = ("plans", "regret", "accuracy")
+TABLES = ("plans", "regret", "accuracy", "evaluation_plans")
 
 
 @pytest.fixture
@@ -81,8 +82,8 @@ def same_plan(mine: Any, theirs: Any) -> bool:
 
 def regret_table(step: int, regret: float) -> pd.DataFrame:
     rows = [
-        (step, 2, "tallest", 0, "analytic", 0.5, 0.75, regret, True),
-        (step, 2, "overhang", 0, "noisy", 0.5, 0.0, NAN, False),
+        (step, 2, "tallest", 0, "analytic", 0.5, 0.9, 0.75, regret, True),
+        (step, 2, "overhang", 0, "noisy", 0.5, 0.8, 0.0, NAN, False),
     ]
     return pd.DataFrame(rows, columns=REGRET_COLUMNS)
 
@@ -91,12 +92,26 @@ def accuracy_table(step: int, accuracy: float) -> pd.DataFrame:
     return pd.DataFrame([(step, 2, 3, accuracy, 0.875, 40)], columns=ACCURACY_COLUMNS)
 
 
+def chosen_plans(domain: Domain) -> list[ChosenPlan]:
+    """Two plans of three and two placements, the first executed in two worlds."""
+    one, other = (domain.random_plans(length, 1, np.random.default_rng(length)) for length in (3, 2))
+    noisy = Outcome(np.array([1, 0, -1], np.int8), {"outcome": "fell", "entries": []})
+    outcomes = {"analytic": Outcome(np.array([1, 1, 1], np.int8)), "noisy": noisy}
+    return [
+        ChosenPlan("tallest", 0, one, 0.5, np.array([1.0, 0.95, 0.9]), 0.75, outcomes),
+        ChosenPlan(
+            "overhang", 1, other, 0.25, np.array([1.0, 0.8]), 0.5, {"noisy": Outcome(np.array([0, -1], np.int8))}
+        ),
+    ]
+
+
 def save(path: Path) -> None:
     path.write_bytes(b"weights")
 
 
 def evaluate(store: Store, step: int, regret: float = 0.25, save: Callable[[Path], None] | None = save) -> None:
-    store.record_evaluation(step, regret_table(step, regret), accuracy_table(step, regret + 0.5), save)
+    accuracy = accuracy_table(step, regret + 0.5)
+    store.record_evaluation(step, regret_table(step, regret), accuracy, chosen_plans(store.domain), save)
 
 
 def state(store: Store) -> dict[str, Any]:
@@ -118,7 +133,9 @@ def state(store: Store) -> dict[str, Any]:
         "reports": [store.reports(), store.last_report],
         "training": [store.training(step) for step in range(3)],
         "evaluated": [store.evaluated(step) for step in range(3)],
-        "tables": [table.to_csv() for table in (store.plans(), store.regret(), store.accuracy())],
+        "tables": [
+            table.to_csv() for table in (store.plans(), store.regret(), store.accuracy(), store.evaluation_plans())
+        ],
         "types": [table.dtypes.astype(str).tolist() for table in (store.plans(), store.regret(), store.accuracy())],
     }
 
@@ -399,10 +416,10 @@ class TestEvaluations:
         assert store.regret().columns.tolist() == REGRET_COLUMNS
         rows = store.regret().astype(object).where(store.regret().notna(), None).to_numpy().tolist()
         assert rows == [
-            [0, 2, "tallest", 0, "analytic", 0.5, 0.75, 0.25, True],
-            [0, 2, "overhang", 0, "noisy", 0.5, 0.0, None, False],
-            [1, 2, "tallest", 0, "analytic", 0.5, 0.75, 0.125, True],
-            [1, 2, "overhang", 0, "noisy", 0.5, 0.0, None, False],
+            [0, 2, "tallest", 0, "analytic", 0.5, 0.9, 0.75, 0.25, True],
+            [0, 2, "overhang", 0, "noisy", 0.5, 0.8, 0.0, None, False],
+            [1, 2, "tallest", 0, "analytic", 0.5, 0.9, 0.75, 0.125, True],
+            [1, 2, "overhang", 0, "noisy", 0.5, 0.8, 0.0, None, False],
         ]
         assert store.accuracy().columns.tolist() == ACCURACY_COLUMNS
         assert store.accuracy().to_numpy().tolist() == [[0, 2, 3, 0.75, 0.875, 40], [1, 2, 3, 0.625, 0.875, 40]]
@@ -425,10 +442,32 @@ class TestEvaluations:
         evaluate(store, 0, regret=0.5)
         assert store.regret()["regret"].dropna().tolist() == [0.5]
 
+    def test_every_chosen_plan_is_kept(self, store: Store) -> None:
+        """A row for each plan, world and placement; together they are a tower file, too."""
+        assert len(store.evaluation_plans()) == 0
+        evaluate(store, 3)
+        table = store.evaluation_plans()
+        assert table["tower"].tolist() == [0] * 3 + [1] * 3 + [2] * 2
+        assert table["position"].tolist() == [0, 1, 2, 0, 1, 2, 0, 1]
+        assert table["world"].tolist() == ["analytic"] * 3 + ["noisy"] * 5
+        assert table["task"].tolist() == ["tallest"] * 6 + ["overhang"] * 2
+        assert table["problem"].tolist() == [0] * 6 + [1] * 2
+        assert table["chance"].tolist() == [1.0, 0.95, 0.9] * 2 + [1.0, 0.8]
+        assert table["label"].fillna(-1).tolist() == [1, 1, 1, 1, 0, -1, 0, -1]
+        assert table["report"].notna().tolist() == [False] * 3 + [True] + [False] * 4
+        assert json.loads(table["report"][3]) == {"outcome": "fell", "entries": []}
+        chosen = chosen_plans(store.domain)
+        store.export()
+        second, first = read_towers(store.directory / "evaluation_plans.parquet")
+        assert (len(first.plans), len(second.plans)) == (1, 2)
+        np.testing.assert_allclose(second.plans.xy, np.repeat(chosen[0].plan.xy, 2, axis=0))
+        np.testing.assert_array_equal(first.plans.rotation, chosen[1].plan.rotation)
+
     def test_tables_are_written_with_each_evaluation(self, filled: Store) -> None:
         assert not any((filled.directory / f"{name}.parquet").exists() for name in TABLES)
         evaluate(filled, 1)
-        for name, table in zip(TABLES, (filled.plans(), filled.regret(), filled.accuracy()), strict=True):
+        tables = (filled.plans(), filled.regret(), filled.accuracy(), filled.evaluation_plans())
+        for name, table in zip(TABLES, tables, strict=True):
             assert len(table)
             pd.testing.assert_frame_equal(pd.read_parquet(filled.directory / f"{name}.parquet"), table)
 

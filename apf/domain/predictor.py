@@ -40,3 +40,19 @@ class Predictor(ABC):
         there are several members.
         """
         raise TypeError(f"{type(self).__name__} judges whole plans only")
+
+    def prefix_feasibility(self, plans: Any, rng: np.random.Generator) -> np.ndarray:
+        """[N, K] probability that each prefix of each plan succeeds. A single placement always does.
+
+        Args:
+            plans: N plans of K placements.
+            rng: The source of all draws.
+        """
+        chances = np.ones((len(plans), plans.length))
+        for length in range(2, plans.length + 1):
+            prefix = plans.prefix(length)
+            if self.by_prefix:
+                chances[:, length - 1] = chances[:, length - 2] * self.last_feasibility(prefix)
+            else:
+                chances[:, length - 1] = self.feasibility(prefix, rng)
+        return chances

@@ -1,8 +1,9 @@
 """Planning with a predictor, and the evaluation of predictors."""
 
-from apf.planning.evaluation import EvaluationSettings, Evaluator
+from apf.planning.evaluation import EvaluationSettings, Evaluator, regret_table
 from apf.planning.learned import Learned
-from apf.planning.planner import Choice, MonteCarloPlanner
+from apf.planning.monte_carlo import MonteCarloPlanner
+from apf.planning.planner import Choice, Planner, Problem
 
 __all__ = [
     "Choice",
@@ -10,4 +11,7 @@ __all__ = [
     "Evaluator",
     "Learned",
     "MonteCarloPlanner",
+    "Planner",
+    "Problem",
+    "regret_table",
 ]

@@ -1,6 +1,7 @@
 """How good is a predictor? Regret on planning problems, accuracy on balanced test sets (Section Evaluation)."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Annotated, Any
 
 import numpy as np
@@ -8,8 +9,9 @@ import pandas as pd
 from pydantic import AfterValidator, Field
 
 from apf.domain import Domain, Predictor, Task, World, carry_out
-from apf.planning.planner import MonteCarloPlanner
+from apf.planning.planner import Planner, Problem
 from apf.rng import stream
+from apf.rundir.chosen import ChosenPlan
 from apf.rundir.columns import ACCURACY_COLUMNS, REGRET_COLUMNS
 from apf.settings import Count, CountOrNone, Length, Seed, settings
 
@@ -56,7 +58,7 @@ class Evaluator:
         self,
         settings: EvaluationSettings,
         domain: Domain,
-        planner: MonteCarloPlanner,
+        planner: Planner,
         tasks: Mapping[str, Task],
         on_progress: Callable[[int, str, int, int], None] = lambda step, kind, number, of: None,
         time_limit: float | None = None,
@@ -82,35 +84,31 @@ class Evaluator:
         lengths = len(self.settings.lengths) if self.settings.test_plans else 0
         return {PLANNING: self.settings.problems, TESTING: lengths}
 
-    def regret(self, predictor: Predictor, step: int, labelled: int) -> pd.DataFrame:
-        """[problems x tasks x worlds rows, REGRET_COLUMNS]: the plan that is chosen, executed once in each world.
-
-        Normalised regret is (best_value - reward) / best_value: the reward is the chosen plan's value if it succeeds
-        and 0 if it fails; best_value is the largest value of a candidate that succeeds without noise. It is NaN
-        where no candidate does.
+    def plan(self, predictor: Predictor, step: int) -> list[ChosenPlan]:
+        """A plan for each problem and each task, executed once in each world.
 
         Args:
             predictor: Judges the candidates.
             step: Of the run.
-            labelled: Plans that are labelled by then.
         """
-        rows = []
-        for problem, candidates in self._problems():
-            self.on_progress(step, PLANNING, problem + 1, self.settings.problems)
-            best = self._best(problem, candidates)
-            pool = self.planner.pool(candidates, predictor, stream(self.settings.seed, "predictor", step, problem))
-            for number, (name, task) in enumerate(self.tasks.items()):
-                choice = self.planner.plan(task, pool)
-                chosen = candidates[choice.index : choice.index + 1]
-                what = f"the plan chosen for {name} in problem {problem}"
+        chosen: list[ChosenPlan] = []
+        choices = self.planner.choose(self._problems(step), self.tasks, predictor, self.domain)
+        for problem, found in enumerate(choices):
+            for number, (name, choice) in enumerate(found.items()):
+                outcomes = {}
                 for world_name, world in self.settings.worlds.items():
                     rng = stream(self.settings.seed, f"reward in {world_name}", step, problem, number)
-                    outcome = carry_out(world, chosen, rng, self.time_limit, what)
-                    feasible = bool((outcome.labels == 1).all())
-                    reward = choice.value if feasible else 0.0
-                    regret = (best[name] - reward) / best[name] if best[name] > 0 else np.nan
-                    rows.append((step, labelled, name, problem, world_name, choice.value, best[name], regret, feasible))
-        return pd.DataFrame(rows, columns=REGRET_COLUMNS)
+                    what = f"the plan chosen for {name} in problem {problem}"
+                    outcomes[world_name] = carry_out(world, choice.plan, rng, self.time_limit, what)
+                best = self._best_values[problem][name]
+                chance = np.array([choice.chance])
+                chosen.append(ChosenPlan(name, problem, choice.plan, choice.value, chance, best, outcomes))
+        if not chosen:
+            return []
+        plans = self.domain.concatenate([each.plan for each in chosen])
+        chances = predictor.prefix_feasibility(plans, stream(self.settings.seed, "chances", step))
+        chances[:, -1] = [each.chance for each in chosen]
+        return [replace(each, chances=row) for each, row in zip(chosen, chances, strict=True)]
 
     def accuracy(self, predictor: Predictor, step: int, labelled: int) -> pd.DataFrame:
         """[lengths rows, ACCURACY_COLUMNS]: share of test plans that the predictor calls right at P > 1/2.
@@ -141,20 +139,44 @@ class Evaluator:
             self._test_sets[length] = self.domain.balanced(length, self.settings.test_plans, rng)
         return self._test_sets[length]
 
-    def _problems(self) -> Iterator[tuple[int, Any]]:
-        """The number and the candidates of each problem. They are drawn again each time, which saves memory."""
-        for problem in range(self.settings.problems):
-            rng = stream(self.settings.seed, "problem", problem)
-            yield problem, self.domain.problem(self.settings.length, self.planner.candidates, rng)
+    def _problems(self, step: int) -> Iterator[Problem]:
+        """Each problem. Its candidates are drawn again each time, which saves memory."""
+        for number in range(self.settings.problems):
+            self.on_progress(step, PLANNING, number + 1, self.settings.problems)
+            rng = stream(self.settings.seed, "problem", number)
+            candidates = self.domain.problem(self.settings.length, self.planner.candidates, rng)
+            self._find_best(number, candidates)
+            yield Problem(candidates, stream(self.settings.seed, "predictor", step, number))
 
-    def _best(self, problem: int, candidates: Any) -> dict[str, float]:
+    def _find_best(self, problem: int, candidates: Any) -> None:
         """For each task, the largest value of a candidate that succeeds; 0 if none does."""
         if problem not in self._best_values:
             standing = candidates[self.domain.feasible(candidates)]
             self._best_values[problem] = {
                 name: float(task.value(standing).max(initial=0.0)) for name, task in self.tasks.items()
             }
-        return self._best_values[problem]
+
+
+def regret_table(chosen: Sequence[ChosenPlan], step: int, labelled: int) -> pd.DataFrame:
+    """[plans x worlds rows, REGRET_COLUMNS] of chosen plans.
+
+    Normalised regret is (best_value - reward) / best_value: the reward is the plan's value if it succeeds and 0 if it
+    fails. It is NaN where no candidate succeeds.
+
+    Args:
+        chosen: What an evaluation chose.
+        step: Of the run.
+        labelled: Plans that are labelled by then.
+    """
+    rows = []
+    for each in chosen:
+        best = each.best_value
+        for world, outcome in each.outcomes.items():
+            feasible = bool((outcome.labels == 1).all())
+            regret = (best - each.value * feasible) / best if best > 0 else np.nan
+            known = (each.value, each.chance, best, regret, feasible)
+            rows.append((step, labelled, each.task, each.problem, world, *known))
+    return pd.DataFrame(rows, columns=REGRET_COLUMNS)
 
 
 def _auc(probability: np.ndarray, labels: np.ndarray) -> float:

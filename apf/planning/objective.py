@@ -29,15 +29,24 @@ Objective = Annotated[tuple[str, ...], BeforeValidator(_listed)]
 
 
 def metrics_of(regret: pd.DataFrame, accuracy: pd.DataFrame) -> dict[int, dict[str, float]]:
-    """By step: median regret and share of plans that succeeded for each world and task, accuracy for each length.
+    """Metrics by step.
 
-    regret, accuracy: rows of the tables of these names, of one or more evaluations.
+    For each world and task the median regret and the share of chosen plans that succeeded; for each task the mean
+    chance that was predicted of these plans; the accuracy for each length. A planner picks the plans that a model is
+    too sure of, so more was predicted than succeeds (the optimiser's curse).
+
+    Args:
+        regret: Rows of `regret.parquet`, of one or more evaluations.
+        accuracy: Rows of `accuracy.parquet`.
     """
     found: dict[int, dict[str, float]] = {}
     by = regret.sort_values(["step", "world"], kind="stable").groupby(["step", "world", "task"], sort=False)
     for name, values in (("regret", by["regret"].median()), ("success", by["feasible"].mean())):
         for (step, world, task), value in zip(values.index.tolist(), values.tolist(), strict=True):
             found.setdefault(step, {})[f"{name}/{world}/{task}"] = value
+    chances = regret.groupby(["step", "task"], sort=False)["chance"].mean()
+    for (step, task), value in zip(chances.index.tolist(), chances.tolist(), strict=True):
+        found.setdefault(step, {})[f"predicted/{task}"] = value
     rows = (accuracy[column].tolist() for column in ("step", "length", "accuracy"))
     for step, length, share in zip(*rows, strict=True):
         found.setdefault(step, {})[f"accuracy/{length}"] = share
@@ -49,6 +58,7 @@ def names_of(evaluation: EvaluationSettings, tasks: Iterable[str]) -> list[str]:
     where = [f"{world}/{task}" for world in sorted(evaluation.worlds) for task in tasks] if evaluation.problems else []
     lengths = evaluation.lengths if evaluation.test_plans else []
     kinds = [f"{kind}/{name}" for kind in ("regret", "success") for name in where]
+    kinds += [f"predicted/{task}" for task in tasks] if evaluation.problems else []
     return kinds + [f"accuracy/{length}" for length in lengths]
 
 

@@ -17,7 +17,7 @@ from apf.rundir.files import make_folder, read_yaml, sync_path_to
 from apf.rundir.journal import BEGINS
 
 CONFIG, STATE, JOURNAL, LOCK, LOG = "config.yaml", "run.yaml", "journal.jsonl", "lock", "run.log"
-TABLES = ("plans.parquet", "regret.parquet", "accuracy.parquet")
+TABLES = ("plans.parquet", "regret.parquet", "accuracy.parquet", "evaluation_plans.parquet")
 WORLD_TABLE = "world.parquet"
 """The table of the world's reports, if the world reports anything."""
 FIRST = (STATE, JOURNAL, CONFIG)

@@ -1,21 +1,19 @@
 """What a record of the journal must be, given those before it."""
 
-import re
 from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
+from apf.rundir.chosen import check_chosen
 from apf.rundir.columns import ACCURACY_COLUMNS, REGRET_COLUMNS
 from apf.rundir.journal import Record
-
-LABELS = re.compile("1*(0-*)?")
-"""One character for each prefix: those that stood, one that fell unless all stood, the rest not attempted."""
+from apf.rundir.labels import LABELS
 
 KINDS = {
     "plans": ("step", "plans"),
     "label": ("plan", "labels"),
     "correction": ("plan", "old", "labels", "reason"),
     "training": ("step", "losses"),
-    "evaluation": ("step", "regret", "accuracy", "weights"),
+    "evaluation": ("step", "regret", "accuracy", "chosen", "weights"),
 }
 """What each kind of record holds, besides when it was written."""
 
@@ -61,6 +59,7 @@ def check(record: Record, proposed: Sequence[Proposed], length_of: LengthOf) -> 
             rows = record[name]
             if not isinstance(rows, list) or any(not isinstance(r, list) or len(r) != len(columns) for r in rows):
                 raise ValueError(f"{name} is no rows of {len(columns)} values")
+        check_chosen(record["chosen"], length_of)
 
 
 def _check_plans(plans: Any, length_of: LengthOf) -> None:

@@ -4,7 +4,8 @@ config.yaml       the resolved config
 run.yaml          name, choices, versions, state, wall time
 journal.jsonl     every plan proposed, every label, correction, training and evaluation, in the order they came
 weights/          step_0010.safetensors: the ensemble at each evaluated step
-plans.parquet, regret.parquet, accuracy.parquet    the journal as tables, when it has grown by a tenth, and at the end
+plans.parquet, regret.parquet, accuracy.parquet, evaluation_plans.parquet
+                  the journal as tables, when it has grown by a tenth, and at the end
 """
 
 from bisect import bisect_right, insort
@@ -19,17 +20,15 @@ import pandas as pd
 
 from apf.domain import UNOBSERVED, Domain, Labelled, Scored
 from apf.errors import InputError
+from apf.rundir.chosen import ChosenPlan, chosen_table
 from apf.rundir.claim import STATE
 from apf.rundir.columns import ACCURACY_COLUMNS, DTYPES, REGRET_COLUMNS
 from apf.rundir.files import checksum, make_folder, remove_unfinished, replacing
 from apf.rundir.journal import HEADER, End, Journal, Record
 from apf.rundir.kept import read_state
+from apf.rundir.labels import labels_of, symbols_of
 from apf.rundir.records import check
 from apf.rundir.tables import write_table
-
-SYMBOL = {1: "1", 0: "0", -1: "-"}
-"""How the journal writes labels, one character for each prefix: succeeded, failed, not attempted."""
-VALUE = {symbol: label for label, symbol in SYMBOL.items()}
 
 GROWTH = 1.1
 """An evaluation writes the tables if the number of labelled plans has grown by this factor since the last time. Over a
@@ -188,8 +187,7 @@ class Store:
             labels: [K] 1, 0 or -1.
             report: What the world told besides, if anything.
         """
-        symbols = "".join(SYMBOL[int(label)] for label in labels)
-        self._append("label", plan=number, labels=symbols, **({} if report is None else {"report": report}))
+        self._append("label", plan=number, labels=symbols_of(labels), **({} if report is None else {"report": report}))
 
     @property
     def last_report(self) -> dict[str, Any] | None:
@@ -240,7 +238,7 @@ class Store:
             by_length.setdefault(len(proposal.labels or ""), []).append(proposal)
         for length, proposals in by_length.items():
             plans = self.domain.decode([proposal.plan for proposal in proposals])
-            labels = np.array([[VALUE[symbol] for symbol in proposal.labels or ""] for proposal in proposals], np.int8)
+            labels = np.array([labels_of(proposal.labels) for proposal in proposals])
             if before := self._batches.get(length):
                 plans = self.domain.concatenate([before.plans, plans])
                 labels, proposals = np.concatenate([before.labels, labels]), before.proposals + proposals
@@ -276,7 +274,12 @@ class Store:
         return done is not None and (done["weights"] is None or done["weights"] == checksum(self.weights(step)))
 
     def record_evaluation(
-        self, step: int, regret: pd.DataFrame, accuracy: pd.DataFrame, save: Callable[[Path], None] | None = None
+        self,
+        step: int,
+        regret: pd.DataFrame,
+        accuracy: pd.DataFrame,
+        chosen: Sequence[ChosenPlan],
+        save: Callable[[Path], None] | None = None,
     ) -> None:
         """Make an evaluation durable with the weights that `save` writes; write the tables if they lag far behind.
 
@@ -284,6 +287,7 @@ class Store:
             step: Of the run.
             regret: Rows of regret.parquet.
             accuracy: Rows of accuracy.parquet.
+            chosen: The plans that were chosen.
             save: Writes the weights to a path; None: there are none.
         """
         weights = self.weights(step)
@@ -294,7 +298,8 @@ class Store:
             name: table.astype(object).where(table.notna(), None).to_numpy().tolist()
             for name, table in (("regret", regret), ("accuracy", accuracy))
         }
-        self._append("evaluation", step=step, **rows, weights=checksum(weights) if save else None)
+        plans = [each.encoded(self.domain) for each in chosen]
+        self._append("evaluation", step=step, **rows, chosen=plans, weights=checksum(weights) if save else None)
         if len(self._labelled) >= GROWTH * self._exported:
             self.export()
 
@@ -311,6 +316,12 @@ class Store:
     def accuracy(self, step: int | None = None) -> pd.DataFrame:
         """All evaluations so far, or that of a step, in the columns of `accuracy.parquet`."""
         return self._evaluation_table("accuracy", ACCURACY_COLUMNS, step)
+
+    def evaluation_plans(self) -> pd.DataFrame:
+        """All plans that evaluations chose: see `apf.rundir.chosen.chosen_table`."""
+        return chosen_table(
+            {step: self._evaluations[step]["chosen"] for step in sorted(self._evaluations)}, self.domain
+        )
 
     def _evaluation_table(self, name: str, columns: list[str], step: int | None) -> pd.DataFrame:
         steps = sorted(self._evaluations) if step is None else [step]
@@ -347,7 +358,13 @@ class Store:
         return table
 
     def export(self) -> None:
-        """Write plans.parquet, regret.parquet and accuracy.parquet, each replaced in one step."""
-        for name, table in (("plans", self.plans()), ("regret", self.regret()), ("accuracy", self.accuracy())):
+        """Write all tables, each replaced in one step."""
+        tables = {
+            "plans": self.plans(),
+            "regret": self.regret(),
+            "accuracy": self.accuracy(),
+            "evaluation_plans": self.evaluation_plans(),
+        }
+        for name, table in tables.items():
             write_table(table, self.directory / f"{name}.parquet")
         self._exported = len(self._labelled)

@@ -20,7 +20,7 @@ pytestmark = pytest.mark.usefixtures("no_figures")
 
 MINE = (
     *("training_blocks.csv", "evaluation_blocks.csv", "run.yaml", "config.yaml", "journal.jsonl", "run.log", "lock"),
-    *("plans.parquet", "regret.parquet", "accuracy.parquet", "world.parquet"),
+    *("plans.parquet", "regret.parquet", "accuracy.parquet", "evaluation_plans.parquet", "world.parquet"),
     *("weights/step_0001.safetensors", "figures/regret.png"),
 )
 

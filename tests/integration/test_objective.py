@@ -21,14 +21,14 @@ OPTUNA = ("-m", "hydra/sweeper=optuna", "hydra.sweeper.n_jobs=1", "hydra.sweeper
 
 REGRET = pd.DataFrame(
     [
-        (1, 10, "tallest", "noisy", 0.1, True),
-        (2, 12, "tallest", "noisy", 0.2, True),
-        (2, 12, "tallest", "noisy", 0.4, False),
-        (2, 12, "tallest", "noisy", 0.9, True),
-        (2, 12, "overhang", "noisy", math.nan, False),
-        (2, 12, "tallest", "analytic", 0.0, True),
+        (1, 10, "tallest", "noisy", 0.9, 0.1, True),
+        (2, 12, "tallest", "noisy", 0.5, 0.2, True),
+        (2, 12, "tallest", "noisy", 0.75, 0.4, False),
+        (2, 12, "tallest", "noisy", 1.0, 0.9, True),
+        (2, 12, "overhang", "noisy", 0.25, math.nan, False),
+        (2, 12, "tallest", "analytic", 0.75, 0.0, True),
     ],
-    columns=["step", "plans", "task", "world", "regret", "feasible"],
+    columns=["step", "plans", "task", "world", "chance", "regret", "feasible"],
 )
 ACCURACY = pd.DataFrame([(1, 10, 2, 0.5), (2, 12, 2, 0.75)], columns=["step", "plans", "length", "accuracy"])
 
@@ -42,6 +42,8 @@ def test_figures_of_an_evaluation() -> None:
         "success/analytic/tallest": 1.0,
         "success/noisy/tallest": pytest.approx(2 / 3),
         "success/noisy/overhang": 0.0,
+        "predicted/tallest": 0.75,
+        "predicted/overhang": 0.25,
         "accuracy/2": 0.75,
     }
 
@@ -171,7 +173,7 @@ class FakeProcess:
         else:
             job.directory.mkdir(parents=True, exist_ok=True)
             regret = math.nan if warmup == 0 else abs(warmup - 7)
-            rows = [(2, 12, "tallest", "noisy", regret, True)]
+            rows = [(2, 12, "tallest", "noisy", 0.9, regret, True)]
             pd.DataFrame(rows, columns=REGRET.columns).to_parquet(job.directory / "regret.parquet")
             ACCURACY.to_parquet(job.directory / "accuracy.parquet")
             job.state = "finished"

@@ -14,14 +14,14 @@ from hydra import compose, initialize_config_dir
 from apf.config.values import config_dir
 from apf.domain import Kind
 from apf.main import make_model
-from apf.planning import Evaluator
+from apf.planning import Evaluator, regret_table
 from apf.rundir.store import Store
 from apf.schema import validate
 from apf.towers import NoisyWorld, read_towers, standing_prefixes
 from apf.towers.files import TOWER_COLUMNS
 from integration.command_line import SMOKE, TINY, Result, call
 
-REGRET = ["step", "plans", "task", "problem", "world", "value", "best_value", "regret", "feasible"]
+REGRET = ["step", "plans", "task", "problem", "world", "value", "chance", "best_value", "regret", "feasible"]
 ACCURACY = ["step", "plans", "length", "accuracy", "auc", "n"]
 TASKS = ["tallest", "overhang", "unsupported"]
 WORLDS = ["analytic", "noisy"]
@@ -50,7 +50,7 @@ def test_every_file_is_there(smoke: tuple[Path, Result]) -> None:
     found = {str(path.relative_to(directory)) for path in directory.rglob("*") if path.is_file()}
     weights = {f"weights/step_{step:04d}.safetensors" for step in (1, 2)}
     figures = {f"figures/{name}{end}" for name in ("regret", "accuracy") for end in (".png", ".pdf", ".csv")}
-    tables = {f"{name}.parquet" for name in ("plans", "regret", "accuracy")}
+    tables = {f"{name}.parquet" for name in ("plans", "regret", "accuracy", "evaluation_plans")}
     blocks = {"training_blocks.csv", "evaluation_blocks.csv"}
     assert found == weights | figures | tables | blocks | {
         "config.yaml",
@@ -228,7 +228,7 @@ def test_the_directory_is_enough_to_plan_with_its_model(smoke: tuple[Path, Resul
         model.load(directory / "weights" / f"step_{step:04d}.safetensors")
         for name, again in (
             ("accuracy", evaluator.accuracy(model, step, towers)),
-            ("regret", evaluator.regret(model, step, towers)),
+            ("regret", regret_table(evaluator.plan(model, step), step, towers)),
         ):
             table = pd.read_parquet(directory / f"{name}.parquet")
             table = table[table["step"] == step].reset_index(drop=True)
