@@ -156,7 +156,7 @@ def test_line_ends_of_windows_are_named_and_nothing_is_cut(path: Path, which: st
 
 
 @pytest.mark.parametrize(
-    ("number", "words"), [(4, "has format 4, .* reads format 3: it takes a newer apf"), (1, "older")]
+    ("number", "words"), [(5, "has format 5, .* reads format 4: it takes a newer apf"), (1, "older")]
 )
 def test_another_format_is_refused(path: Path, number: int, words: str) -> None:
     line, crc = encode({"kind": "journal", "format": number, "run": ""}, "")
@@ -167,7 +167,7 @@ def test_another_format_is_refused(path: Path, number: int, words: str) -> None:
 
 def test_a_journal_without_a_first_line_is_of_an_older_version(path: Path) -> None:
     path.write_bytes(b"".join(path.read_bytes().splitlines(keepends=True)[1:]))
-    with pytest.raises(InputError, match=r"has format 1, .* reads format 3: it takes an older apf"):
+    with pytest.raises(InputError, match=r"has format 1, .* reads format 4: it takes an older apf"):
         Journal(path)
 
 
