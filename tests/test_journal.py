@@ -36,7 +36,7 @@ def test_what_was_appended_is_read_back(path: Path) -> None:
     lines = [json.loads(line) for line in path.read_text().splitlines()]
     kept = [{key: value for key, value in line.items() if key not in ("crc", "follows")} for line in lines]
     assert kept[1:] == records
-    assert {key: kept[0][key] for key in ("kind", "format", "run")} == {"kind": "journal", "format": 3, "run": ""}
+    assert {key: kept[0][key] for key in ("kind", "format", "run")} == {"kind": "journal", "format": 4, "run": ""}
     assert [line["follows"] for line in lines] == ["", *(line["crc"] for line in lines[:-1])]
 
 
