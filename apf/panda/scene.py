@@ -103,13 +103,22 @@ class Scene:
         assert self.blocks is not None
         half = (self.blocks.dims[index] / 2).tolist()
         shape = self.client.createCollisionShape(self.client.GEOM_BOX, halfExtents=half)
-        visual = self.client.createVisualShape(
-            self.client.GEOM_BOX, halfExtents=half, rgbaColor=COLOURS[index % len(COLOURS)]
-        )
         mass = float(self.blocks.mass[index]) if self.movable else 0.0
-        return self.client.createMultiBody(
-            mass, shape, visual, baseInertialFramePosition=self._com(index).tolist(), basePosition=(0, 0, 10 + index)
+        com = self._com(index).tolist()
+        body = self.client.createMultiBody(
+            mass, shape, self._visual(index), baseInertialFramePosition=com, basePosition=(0, 0, 10 + index)
         )
+        self._finish(body, index)
+        return body
+
+    def _visual(self, index: int) -> int:
+        """How a block looks."""
+        assert self.blocks is not None
+        half, colour = (self.blocks.dims[index] / 2).tolist(), COLOURS[index % len(COLOURS)]
+        return self.client.createVisualShape(self.client.GEOM_BOX, halfExtents=half, rgbaColor=colour)
+
+    def _finish(self, body: int, index: int) -> None:
+        """Called when the body of a block was made."""
 
     def _com(self, index: int) -> np.ndarray:
         """PyBullet states a body's pose at its centre of mass; without mass it is the centre of geometry here."""

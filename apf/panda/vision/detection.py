@@ -1,0 +1,57 @@
+"""Markers in an image."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from apf.panda.vision.markers import DICTIONARY, FACES
+
+WINDOW = 3
+"""Half of the window in which a corner is refined [pixels]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Detection:
+    """A marker in an image: the block and the face that it belongs to, and its corners [4, 2] in pixels."""
+
+    block: int
+    face: int
+    corners: np.ndarray
+
+
+def _detector() -> cv2.aruco.ArucoDetector:
+    parameters = cv2.aruco.DetectorParameters()
+    parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
+    parameters.cornerRefinementWinSize = WINDOW
+    return cv2.aruco.ArucoDetector(DICTIONARY, parameters)
+
+
+def detect(image: np.ndarray, blocks: int) -> list[Detection]:
+    """The markers of the first `blocks` blocks in an image [H, W] uint8, in the order of their numbers.
+
+    A number that is seen twice is a misreading, or a marker that was printed twice: it is left out.
+    """
+    corners, numbers, _ = _detector().detectMarkers(image)
+    if numbers is None:
+        return []
+    found = [int(number) for number in numbers.ravel()]
+    order = sorted(range(len(found)), key=lambda i: found[i])
+    return [
+        Detection(*divmod(found[i], FACES), corners[i].reshape(4, 2).astype(float))
+        for i in order
+        if found.count(found[i]) == 1 and found[i] < FACES * blocks
+    ]
+
+
+def drawn(image: np.ndarray, detections: list[Detection], names: tuple[str, ...]) -> np.ndarray:
+    """[H, W, 3] uint8: an image [H, W] with the markers that were found in it, and the names of their blocks."""
+    picture = cv2.cvtColor(image, cv2.COLOR_GRAY2RGB)
+    for each in detections:
+        cv2.polylines(picture, [np.round(each.corners).astype(np.int32)], True, (0, 160, 0), 2, cv2.LINE_AA)
+        x, y = np.round(each.corners.mean(0)).astype(int)
+        for colour, width in (((255, 255, 255), 4), ((200, 30, 30), 1)):
+            cv2.putText(
+                picture, names[each.block], (x - 20, y), cv2.FONT_HERSHEY_SIMPLEX, 0.45, colour, width, cv2.LINE_AA
+            )
+    return picture
