@@ -89,6 +89,6 @@ def summary(reports: Sequence[Mapping[str, Any]]) -> dict[str, float]:
     medians = {
         "simulated": [entry.get("simulated", 0.0) for entry in done],
         "wall": [entry.get("wall", 0.0) for entry in done],
-        "error": [entry.get("error", np.nan) for entry in built],
+        "error": [entry["error"] for entry in built if entry.get("error") is not None],
     }
     return figures | {name: float(np.median(values)) for name, values in medians.items() if len(values)}

@@ -7,12 +7,12 @@ import numpy as np
 
 from apf.panda.geometry import to_vector
 from apf.panda.kinematics import REST, forward
-from apf.panda.scene import Scene
+from apf.panda.scene import CAMERA, HAND, LEFT, RIGHT, Scene
 from apf.towers import BlockSet
 
-UPPER_ARM = (2, 3, 4, 5, 6, 8, 9, 10)
+UPPER_ARM = (2, 3, 4, 5, 6, HAND, LEFT, RIGHT, CAMERA)
 """Links that move enough to reach the table; base and first link never leave it."""
-SELF = [(link, other) for link in (5, 6, 8) for other in (-1, 0, 1, 2)]
+SELF = [(link, other) for link in (5, 6, HAND, CAMERA) for other in (-1, 0, 1, 2)]
 """Pairs of links that the joints' ends do not keep apart."""
 LOWER_LINKS = (-1, 0, 1, 2, 3, 4, 5)
 """Links that a held block can come to touch."""

@@ -8,26 +8,50 @@ import numpy as np
 from apf.domain import UNOBSERVED
 from apf.panda.accounting import BUILD, DONE, INTERVENTION, TIDY, Entry
 from apf.panda.geometry import angle, distance, pose
-from apf.panda.robot import NO_PLAN, Robot
+from apf.panda.hardware import Person
+from apf.panda.layout import Layout
+from apf.panda.robot import IN_VAIN, NO_PLAN, Robot
 from apf.panda.settings import Judging, Recovery
 from apf.towers import ROTATIONS, Towers
 
 STOOD, FELL, UNPLANNED, GIVEN_UP = "stood", "fell", "no plan", "given up"
 """How a plan ended: all prefixes stood; a prefix fell; the planner found no plan; execution failed too often."""
+SEEN, UNSEEN, BEFORE_NEXT, WHILE_CARRYING, WHILE_WORKING = (
+    *("seen", "unseen", "before the next", "while carrying", "while working"),
+)
+"""How sure a label 0 is.
+
+seen: The block was seen elsewhere a moment after its placement. unseen: No camera saw it in its place. before the next,
+while carrying: The tower had stood a moment after the placement, and was seen fallen before the arm came near again.
+while working: The tower was seen fallen after the arm had been near, which may have pushed it; the placement that the
+arm was at is charged.
+"""
 SPARE = [(x, y) for y in (0.0, 0.14, -0.12, 0.26) for x in (0.45, 0.58, 0.34)]
 """Spare places [m]: a block may wait here while another block lies in its home."""
+STILL_LOOKS, STILL_PAUSE = 5, 0.4
+"""Before it clears up, the robot looks so often at most, and waits so long between two looks [s]."""
 ROOM = 0.004
 """Distance [m]. A home is free if its block, put there, would be at least this far from all other blocks."""
 
 
+@dataclass(frozen=True, eq=False)
+class Built:
+    """What came of a tower: labels [K] int8 of its prefixes, how the plan ended, and how sure a label 0 is."""
+
+    labels: np.ndarray
+    outcome: str
+    sure: str | None = None
+
+
 @dataclass
 class Builder:
-    """Builds with a robot; `ask_for_help(block, cause)` is called before a block is put home by hand."""
+    """Builds with a robot; `ask_for_help(block, cause)` is called before `person` puts a block home."""
 
     robot: Robot
     judging: Judging
     recovery: Recovery
     ask_for_help: Callable[[str, str], None]
+    person: Person
     on_judged: Callable[[], None] | None = None
     """The builder calls this function after it has judged a placement, e.g. to take a picture."""
 
@@ -37,59 +61,90 @@ class Builder:
         return self.robot.planner.blocks.name
 
     @property
+    def layout(self) -> Layout:
+        """Places on the table."""
+        return self.robot.belief.layout
+
+    @property
     def homes(self) -> np.ndarray:
         """[B, 4, 4] pose of each block in its home."""
-        return self.robot.reality.layout.home_poses(self.robot.planner.blocks.dims)
+        return self.layout.home_poses(self.robot.planner.blocks.dims)
 
     # -- building -----------------------------------------------------------------------------------------------
 
-    def build(self, tower: Towers) -> tuple[np.ndarray, str]:
+    def build(self, tower: Towers) -> Built:
         """Build one tower (N = 1) and judge each prefix. The tower, or its ruins, stay on the table.
 
-        Returns:
-            Labels [K] int8 of the prefixes, and how the plan ended (STOOD, FELL, UNPLANNED or GIVEN_UP).
+        What stands is looked at before the arm comes near and before it lowers a block. What has fallen by then fell
+        after the placement that was judged last, and is charged to that placement: the label that it stood is taken
+        back.
         """
         labels = np.full(tower.length, UNOBSERVED, np.int8)
-        goals = goal_poses(tower, self.robot.reality.layout.base)
-        for i, goal in enumerate(goals):
-            outcome = self._place(tower.block[0], goals, i)
-            if outcome == DONE and not self._stands(int(tower.block[0, i]), goal):
-                outcome = FELL
-                placement = self.robot.account.entries[-1]
-                placement.error = placement.turn = None
-            labels[i] = outcome == DONE
+        blocks, goals = tower.block[0], goal_poses(tower, self.layout.base)
+        for i in range(tower.length):
+            outcome, sure = self._place(blocks, goals, i)
+            if outcome == DONE:
+                sure = self._judge(blocks, goals, i)
+                outcome = DONE if sure is None else FELL
+            before = sure in (BEFORE_NEXT, WHILE_CARRYING)
+            labels[i - 1 if before else i] = outcome == DONE
             if self.on_judged is not None:
                 self.on_judged()
             if outcome != DONE:
-                return labels, outcome
-        return labels, STOOD
+                return Built(labels, outcome, sure)
+        return Built(labels, STOOD)
 
-    def _place(self, blocks: np.ndarray, goals: np.ndarray, i: int) -> str:
-        """Bring the block of placement i to its goal.
+    def _place(self, blocks: np.ndarray, goals: np.ndarray, i: int) -> tuple[str, str | None]:
+        """Bring the block of placement i to its goal; the outcome, and how sure it is when the tower fell.
 
-        Each attempt starts where the block lies at that time. Attempts end when the block below has fallen.
+        Each attempt starts where the block lies at that time. Attempts end when a block of the tower has fallen.
         """
         unplanned, block, lost = 0, int(blocks[i]), False
-        for _ in range(self.recovery.attempts):
-            if i and not self._is_at(int(blocks[i - 1]), goals[i - 1]):
-                return FELL
-            outcome = self.robot.bring(block, goals[i], BUILD)
+        for attempt in range(self.recovery.attempts):
+            self.robot.look()
+            if not self._all_stand(blocks, goals, i):
+                return FELL, WHILE_WORKING if attempt else BEFORE_NEXT
+            outcome = self.robot.bring(block, goals[i], BUILD, lambda: self._may_go_on(blocks, goals, i))
             if outcome == DONE:
-                return DONE
+                return DONE, None
+            if outcome == IN_VAIN:
+                return FELL, WHILE_WORKING if attempt else WHILE_CARRYING
             if outcome in NO_PLAN and lost:
                 self._by_hand(block, self._cause(block))
             unplanned += outcome in NO_PLAN
             lost = outcome not in NO_PLAN
-        return UNPLANNED if unplanned == self.recovery.attempts else GIVEN_UP
+        return UNPLANNED if unplanned == self.recovery.attempts else GIVEN_UP, None
 
-    def _stands(self, block: int, goal: np.ndarray) -> bool:
-        self.robot.reality.wait(self.judging.settle)
-        return self._is_at(block, goal)
+    def _may_go_on(self, blocks: np.ndarray, goals: np.ndarray, i: int) -> bool:
+        """Does what was built still stand? There is nothing to look at below the first block."""
+        if i:
+            self.robot.look()
+        return self._all_stand(blocks, goals, i)
+
+    def _judge(self, blocks: np.ndarray, goals: np.ndarray, i: int) -> str | None:
+        """None: the first i + 1 placements stand; else how sure it is that they do not."""
+        robot, block = self.robot, int(blocks[i])
+        robot.hardware.wait(self.judging.settle)
+        seen = robot.examine(block)
+        if not seen:
+            robot.rest()
+            seen = bool(robot.look()[block])
+        else:
+            robot.look()
+        placement = robot.account.entries[-1]
+        if seen and self._is_at(block, goals[i]) and self._all_stand(blocks, goals, i):
+            return None
+        placement.error = placement.turn = None
+        return SEEN if seen else UNSEEN
+
+    def _all_stand(self, blocks: np.ndarray, goals: np.ndarray, n: int) -> bool:
+        """Are the blocks of the first n placements believed to be where they belong?"""
+        return all(self._is_at(int(block), goal) for block, goal in zip(blocks[:n], goals[:n]))
 
     def _is_at(self, block: int, goal: np.ndarray) -> bool:
-        seen = self.robot.see(block)
-        near = distance(seen, goal) <= self.judging.position
-        return near and angle(seen, goal) <= np.deg2rad(self.judging.rotation)
+        where = self.robot.belief.thought[block]
+        near = distance(where, goal) <= self.judging.position
+        return near and angle(where, goal) <= np.deg2rad(self.judging.rotation)
 
     # -- clearing up --------------------------------------------------------------------------------------------
 
@@ -101,9 +156,8 @@ class Builder:
         tries = np.zeros(len(self.names), int)
         while True:
             self._wait_until_still()
-            self.robot.look()
             for block in np.flatnonzero(~self._at_home()):
-                if not self.robot.reality.layout.holds(self.robot.belief.thought[block, :3, 3]):
+                if not self.layout.holds(self.robot.belief.thought[block, :3, 3]):
                     self._by_hand(int(block), self._cause(int(block)))
             away = np.flatnonzero(~self._at_home())
             if not len(away):
@@ -143,9 +197,8 @@ class Builder:
 
     def _at_home(self) -> np.ndarray:
         """[B] bool: is each block believed to be in its home?"""
-        sight = self.robot.sight
-        near = self.recovery.home_position + 4 * sight.position
-        turn = np.deg2rad(self.recovery.home_rotation + 4 * sight.rotation)
+        near = self.recovery.home_position + 4 * self.robot.sight.uncertainty
+        turn = np.deg2rad(self.recovery.home_rotation)
         return np.array(
             [
                 distance(seen, home) <= near and angle(seen, home) <= turn
@@ -154,19 +207,19 @@ class Builder:
         )
 
     def _wait_until_still(self) -> None:
-        """Wait until all blocks are still, for two seconds at most."""
-        reality = self.robot.reality
-        for _ in range(20):
-            speeds = [np.abs(reality.client.getBaseVelocity(body)).max() for body in reality.bodies]
-            if max(speeds) < 0.02:
+        """Look until no block is seen to have moved, for two seconds at most."""
+        for _ in range(STILL_LOOKS):
+            before = self.robot.belief.thought
+            self.robot.look()
+            if np.array_equal(before, self.robot.belief.thought):
                 return
-            reality.wait(0.1)
+            self.robot.hardware.wait(STILL_PAUSE)
 
     def _cause(self, block: int) -> str:
         """Why the robot cannot bring a block home."""
         x, y, _ = place = self.robot.belief.thought[block, :3, 3]
         attempts = [entry for entry in self.robot.account.entries if entry.block == self.names[block]]
-        if not self.robot.reality.layout.holds(place):
+        if not self.layout.holds(place):
             return "off the table"
         if np.hypot(x, y) > 0.75:
             return "out of reach"
@@ -182,7 +235,7 @@ class Builder:
             done.add(moved)
             home = self.homes[moved]
             waiting += [b for b in self.robot.belief.in_the_way(moved, home, ROOM) if b not in done]
-            self.robot.reality.put(moved, home)
+            self.person.put(moved, home)
             poses = self.robot.belief.thought.copy()
             poses[moved] = home
             self.robot.belief.update(poses)

@@ -43,7 +43,9 @@ class Camera:
 
 def picture(reality: Reality, camera: Camera) -> np.ndarray:
     """[height, width, 3] uint8 of the scene as it is."""
-    client = reality.client
+    studio, state = reality.photographer.studio, reality.state()
+    studio.set(state.poses, state.joints, state.fingers)
+    client = studio.client
     view = client.computeViewMatrixFromYawPitchRoll(camera.target, camera.distance, camera.yaw, camera.pitch, 0, 2)
     projection = client.computeProjectionMatrixFOV(camera.view, camera.width / camera.height, 0.05, 5.0)
     image = client.getCameraImage(
@@ -79,7 +81,7 @@ class Film:
         """Called after every step of time."""
         if reality.steps < self._next:
             return
-        self._next = reality.steps + round(self.camera.speed * reality.physics.rate / self.camera.fps)
+        self._next = reality.steps + round(self.camera.speed * reality.rate / self.camera.fps)
         self.writer.append_data(picture(reality, self.camera))
 
     def still(self, reality: Reality) -> None:

@@ -5,7 +5,7 @@ from math import copysign, sqrt
 
 import numpy as np
 
-from apf.panda.bullet import pybullet
+from apf.panda.client import pybullet
 
 
 def pose(position: Sequence[float] | np.ndarray, rotation: np.ndarray | None = None) -> np.ndarray:

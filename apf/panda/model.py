@@ -13,6 +13,9 @@ from xml.etree import ElementTree
 
 import pybullet_data
 
+from apf.panda.kinematics import TARGET_ABOVE_HAND
+from apf.panda.vision.cameras import WristCamera
+
 URDF = Path(pybullet_data.getDataPath()) / "franka_panda" / "panda.urdf"
 BOXES = [
     ((0.0175, 0.0152, 0.0185), (0.0, 0.00758, 0.04525), 0.0),
@@ -29,8 +32,8 @@ def _directory() -> tempfile.TemporaryDirectory:
 
 
 @cache
-def urdf() -> str:
-    """Path of the model's file, written once in a process and removed with it."""
+def urdf(wrist: WristCamera) -> str:
+    """Path of the model's file with a camera on the hand, written once in a process and removed with it."""
     tree = ElementTree.parse(URDF)
     for link in tree.iter("link"):
         side = FINGER_LINKS.get(link.attrib["name"])
@@ -41,9 +44,25 @@ def urdf() -> str:
                 _add_box(link, size, (middle[0], side * middle[1], middle[2]), side * turn)
     for mesh in tree.iter("mesh"):
         mesh.attrib["filename"] = mesh.attrib["filename"].replace("package://", f"{URDF.parent}/")
-    path = Path(_directory().name) / "panda.urdf"
+    _add_camera(tree.getroot(), wrist)
+    path = Path(_directory().name) / f"panda-{len(list(Path(_directory().name).iterdir()))}.urdf"
     tree.write(path)
     return str(path)
+
+
+def _add_camera(robot: ElementTree.Element, wrist: WristCamera) -> None:
+    """A cube that collides, around where the camera on the hand is. It is not drawn: the camera would see it."""
+    link = ElementTree.SubElement(robot, "link", name="panda_camera")
+    inertial = ElementTree.SubElement(link, "inertial")
+    ElementTree.SubElement(inertial, "mass", value="0.03")
+    inertia = {"ixx": "1e-5", "iyy": "1e-5", "izz": "1e-5", "ixy": "0", "ixz": "0", "iyz": "0"}
+    ElementTree.SubElement(inertial, "inertia", inertia)
+    _add_box(link, (wrist.size,) * 3, (0, 0, 0), 0.0)
+    joint = ElementTree.SubElement(robot, "joint", name="panda_camera_joint", type="fixed")
+    ElementTree.SubElement(joint, "parent", link="panda_hand")
+    ElementTree.SubElement(joint, "child", link="panda_camera")
+    x, y, z = wrist.position
+    ElementTree.SubElement(joint, "origin", xyz=f"{x} {y} {z + TARGET_ABOVE_HAND}", rpy="0 0 0")
 
 
 def _add_box(link: ElementTree.Element, size: tuple, middle: tuple, turn: float) -> None:

@@ -85,10 +85,20 @@ class Planner:
         reach: Of the arm.
         motion: How motions are planned.
         search: How long the planner searches.
+        overlap: Blocks may seem to overlap by so much [m], since estimates of poses are not exact.
     """
 
-    def __init__(self, belief: Belief, gripper: Gripper, reach: Reach, motion: MotionSettings, search: Search) -> None:
+    def __init__(
+        self,
+        belief: Belief,
+        gripper: Gripper,
+        reach: Reach,
+        motion: MotionSettings,
+        search: Search,
+        overlap: float = 0.004,
+    ) -> None:
         self.belief, self.gripper, self.reach, self.motion, self.search = belief, gripper, reach, motion, search
+        self.overlap = overlap
         self.effort = Effort()
 
     @property
@@ -201,7 +211,14 @@ class Planner:
             self.effort.stations += 1
             grasp = self.grasps(fact.block)[fact.grasp]
             query.stations[fact] = find_station(
-                self.belief, fact.block, query.poses[fact.pose], fact.grasp, grasp, self.reach, self.motion
+                self.belief,
+                fact.block,
+                query.poses[fact.pose],
+                fact.grasp,
+                grasp,
+                self.reach,
+                self.motion,
+                self.overlap,
             )
         return query.stations[fact]
 

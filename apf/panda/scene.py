@@ -5,16 +5,17 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from apf.panda.bullet import connect
+from apf.panda.client import connect
 from apf.panda.geometry import from_vector, to_vector
 from apf.panda.kinematics import JOINTS, REST
 from apf.panda.layout import Layout
 from apf.panda.model import urdf
+from apf.panda.vision.cameras import WristCamera
 from apf.towers import BlockSet
 
 ARM = list(range(JOINTS))
-HAND, LEFT, RIGHT, TARGET = 8, 9, 10, 11
-"""Links of the URDF: the hand, its two fingers, and the point between their tips."""
+HAND, LEFT, RIGHT, TARGET, CAMERA = 8, 9, 10, 11, 12
+"""Links of the URDF: the hand, its two fingers, the point between their tips, and the camera on the hand."""
 FINGERS = [LEFT, RIGHT]
 OPEN = 0.04
 """Position of each finger when the gripper is open [m]."""
@@ -47,8 +48,8 @@ class Scene:
     movable = False
     """Do blocks have mass?"""
 
-    def __init__(self, layout: Layout, gui: bool = False) -> None:
-        self.layout = layout
+    def __init__(self, layout: Layout, wrist: WristCamera | None = None, gui: bool = False) -> None:
+        self.layout, self.wrist = layout, wrist or WristCamera()
         self.client = connect(gui)
         self.blocks: BlockSet | None = None
         self.bodies: list[int] = []
@@ -77,7 +78,7 @@ class Scene:
             self.pedestal = self._box((width, depth, height), (*self.layout.pedestal, height / 2), STONE)
             self._box(MARK, (*self.layout.base, 0), GREEN, collides=False)
             flags = self.client.URDF_ENABLE_CACHED_GRAPHICS_SHAPES
-            self.robot = self.client.loadURDF(urdf(), useFixedBase=True, flags=flags)
+            self.robot = self.client.loadURDF(urdf(self.wrist), useFixedBase=True, flags=flags)
             self.bodies = [self._block(i) for i in range(len(blocks))]
         for i, where in enumerate(poses):
             self.put(i, where)

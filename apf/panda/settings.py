@@ -5,17 +5,40 @@ from typing import Annotated
 
 from pydantic import Field
 
-from apf.settings import Degrees, Deviation, Few, Number, settings
+from apf.settings import Degrees, Few, Number, settings
+
+
+@settings
+class Arm:
+    """How fast the joints move."""
+
+    speed: Annotated[Number, Field(ge=0.01, le=10)] = 1.5
+    """[rad/s] of the fastest joint."""
+    acceleration: Annotated[Number, Field(ge=0.01, le=100)] = 6.0
+    """[rad/s^2] of the fastest joint."""
+    careful: Annotated[Number, Field(ge=0.01, le=10)] = 0.6
+    """[rad/s] near blocks: approach, lift, lower, retreat."""
 
 
 @settings
 class Sight:
-    """Errors of a pose estimate: they stand in for cameras."""
+    """How far pose estimates are trusted."""
 
-    position: Deviation = 0.0005
-    """[m] standard deviation on each axis."""
-    rotation: Annotated[Number, Field(ge=0, le=180)] = 0.2
-    """[deg] standard deviation about each axis."""
+    uncertainty: Annotated[Number, Field(ge=0, le=0.1)] = 0.004
+    """Of the cameras beside the table [m]. Blocks may seem to overlap by four times as much; they count as at home
+    within as much more."""
+    still: Annotated[Number, Field(gt=0, le=1000)] = 15.0
+    """A block whose markers are seen within so many pixels of where they should be has not moved."""
+    refine: Annotated[Number, Field(gt=0, le=1)] = 0.03
+    """The camera on the hand may move the estimate of a block so far before it is grasped [m]; beyond, the robot plans
+    anew."""
+    refine_turn: Degrees = 20.0
+    """And turn it so far [deg]."""
+
+    @property
+    def overlap(self) -> float:
+        """By how much blocks may seem to overlap [m]."""
+        return max(0.004, 4 * self.uncertainty)
 
 
 @settings
@@ -66,6 +89,6 @@ class Recovery:
     tries: Few = 5
     """Attempts to bring a block home, before a person is needed."""
     home_position: Annotated[Number, Field(gt=0, le=1)] = 0.015
-    """A block is at home if it seems to be so near to its place [m], four standard deviations of the estimate added,"""
+    """A block is at home if it seems to be so near to its place [m], four times the uncertainty of sight added,"""
     home_rotation: Degrees = 8.0
     """and so little turned [deg]."""

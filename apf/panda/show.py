@@ -43,10 +43,10 @@ def job(cfg: DictConfig) -> None:
     world.check_plans(tower)
     builder = world.builder
     with filming(config.out, config.camera) as film:
-        builder.robot.reality.on_step = film
-        builder.on_judged = lambda: film.still(builder.robot.reality)
+        world.simulated.on_step = film
+        builder.on_judged = lambda: film.still(world.simulated)
         outcome = world.attempt(tower, stream(config.seed, "show"))
-        film.still(builder.robot.reality)
+        film.still(world.simulated)
         world.close()
     assert outcome.report is not None
     labels = " ".join("-" if label < 0 else str(label) for label in outcome.labels)

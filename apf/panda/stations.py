@@ -15,8 +15,6 @@ from apf.panda.motion import MotionSettings
 from apf.settings import Degrees, Few, Number, settings
 
 APPROACH_STEPS, LIFT_STEPS = 5, 5
-OVERLAP = 0.004
-"""A block may seem to sink this far [m] into what it stands on: pose estimates are not exact."""
 
 
 @settings
@@ -83,6 +81,7 @@ def find_station(
     grasp: Grasp,
     reach: Reach,
     motion: MotionSettings,
+    overlap: float,
     ignore: Collection[int] = (),
 ) -> Station | None:
     """The first way found to hold a block at a pose [4, 4] by a grasp that touches nothing else; None: there is none.
@@ -97,6 +96,7 @@ def find_station(
         grasp: The grasp.
         reach: Of the arm.
         motion: The settings.
+        overlap: The block may seem to sink so far into what it stands on [m]: pose estimates are not exact.
         ignore: Blocks that do not count.
     """
     target = where @ grasp.pose
@@ -121,6 +121,6 @@ def find_station(
             continue
         if belief.touches(up[-1], held, motion.clearance, ignore=ignore):
             continue
-        if all(clear(q) for q in back[:-1]) and all(clear_with(q, -OVERLAP) for q in [q, *up[:-1]]):
+        if all(clear(q) for q in back[:-1]) and all(clear_with(q, -overlap) for q in [q, *up[:-1]]):
             return Station(number, q, np.vstack([back[::-1], q]), np.vstack([q, up]), held)
     return None

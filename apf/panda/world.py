@@ -14,16 +14,19 @@ from apf.errors import Stopped
 from apf.panda import accounting
 from apf.panda.belief import Belief
 from apf.panda.builder import Builder
+from apf.panda.flaws import Flaws
 from apf.panda.geometry import from_vector, to_vector
 from apf.panda.grasps import Gripper
 from apf.panda.layout import Layout
 from apf.panda.limits import check_blocks, check_height, check_places
 from apf.panda.motion import MotionSettings
 from apf.panda.planner import Planner, Search
-from apf.panda.reality import Arm, Physics, Reality
+from apf.panda.reality import Bullet, Physics, Reality
+from apf.panda.reality.photographer import Photographer
 from apf.panda.robot import Robot
-from apf.panda.settings import Handling, Help, Judging, Recovery, Sight
+from apf.panda.settings import Arm, Handling, Help, Judging, Recovery, Sight
 from apf.panda.stations import Reach
+from apf.panda.vision.cameras import Cameras
 from apf.settings import settings
 from apf.towers import BlockSet, TowerDomain, Towers
 
@@ -40,8 +43,12 @@ class PandaWorld(World):
     """Show reality in PyBullet's window."""
     initial: World | None = None
     """Where an experiment's first towers are labelled; None: here, too."""
+    reality: Physics = Field(default_factory=Bullet)
+    """The physics that stands for reality."""
+    flaws: Flaws = Field(default_factory=Flaws)
+    """What reality does that the robot does not know."""
+    cameras: Cameras = Field(default_factory=Cameras)
     layout: Layout = Field(default_factory=Layout)
-    physics: Physics = Field(default_factory=Physics)
     arm: Arm = Field(default_factory=Arm)
     gripper: Gripper = Field(default_factory=Gripper)
     reach: Reach = Field(default_factory=Reach)
@@ -51,8 +58,8 @@ class PandaWorld(World):
     handling: Handling = Field(default_factory=Handling)
     judging: Judging = Field(default_factory=Judging)
     recovery: Recovery = Field(default_factory=Recovery)
-    _open: list[Builder] = field(default_factory=list, init=False, repr=False)
-    """The robot, once it was needed."""
+    _open: list[Any] = field(default_factory=list, init=False, repr=False)
+    """The builder and its reality, once they were needed."""
 
     @property
     def initial_world(self) -> World:
@@ -83,13 +90,18 @@ class PandaWorld(World):
     def attempt(self, plan: Towers, rng: np.random.Generator, before: Mapping[str, Any] | None = None) -> Outcome:
         """As `World.attempt`: build one tower, clear up, and report."""
         self.check_plans(plan)
-        builder = self.builder
-        poses = self._poses(plan.blocks, before)
-        builder.robot.begin(plan.blocks, poses, rng)
-        labels, outcome = builder.build(plan)
+        builder, names = self.builder, plan.blocks.name
+        self.simulated.begin(plan.blocks, self._poses(plan.blocks, before, "blocks"), _child(rng))
+        builder.robot.begin(plan.blocks, rng, self._poses(plan.blocks, before, "believed"))
+        built = builder.build(plan)
         builder.tidy()
-        left = {name: to_vector(p).tolist() for name, p in zip(plan.blocks.name, builder.robot.reality.poses())}
-        return Outcome(labels, {"outcome": outcome, "entries": builder.robot.account.plain(), "blocks": left})
+        report = {
+            "outcome": built.outcome,
+            "entries": builder.robot.account.plain(),
+            "blocks": _named(names, self.simulated.poses()),
+            "believed": _named(names, builder.robot.belief.thought),
+        }
+        return Outcome(built.labels, report if built.sure is None else {**report, "sure": built.sure})
 
     def check_plans(self, plans: Towers) -> None:
         """Raises InputError, naming block and limit, if the robot cannot try these towers."""
@@ -97,27 +109,40 @@ class PandaWorld(World):
         check_height(float(plans.dims[..., 2].sum(1).max(initial=0.0)), self.layout, self.reach)
         check_places(plans, self.layout)
 
-    def _poses(self, blocks: BlockSet, before: Mapping[str, Any] | None) -> np.ndarray:
-        """[B, 4, 4] where the blocks lie; at home, unless an earlier report of the same set says otherwise."""
-        if before is None or set(before["blocks"]) != set(blocks.name):
+    def _poses(self, blocks: BlockSet, before: Mapping[str, Any] | None, key: str) -> np.ndarray:
+        """[B, 4, 4] where the blocks lie, or are believed to; at home, unless an earlier report of the set differs."""
+        if before is None or set(before[key]) != set(blocks.name):
             return self.layout.home_poses(blocks.dims)
-        return np.array([from_vector(before["blocks"][name]) for name in blocks.name])
+        return np.array([from_vector(before[key][name]) for name in blocks.name])
 
     @property
     def builder(self) -> Builder:
-        """The robot and its two PyBullet worlds, made when first needed."""
+        """The robot and its simulated reality, made when first needed."""
         if not self._open:
-            reality = Reality(self.layout, self.physics, self.arm, self.gripper, self.hold, self.gui)
-            belief = Belief(self.layout)
-            planner = Planner(belief, self.gripper, self.reach, self.motion, self.search)
-            robot = Robot(reality, belief, planner, self.sight, self.handling)
-            self._open.append(Builder(robot, self.judging, self.recovery, self._ask_for_help))
-        return self._open[0]
+            cameras = self.cameras.named()
+            photographer = Photographer(self.layout, cameras, self.flaws.drawn(cameras))
+            reality = self.reality.reality(
+                self.layout, self.arm, self.gripper, self.hold, photographer, self.cameras.wrist, self.gui
+            )
+            belief = Belief(self.layout, self.cameras.wrist)
+            planner = Planner(belief, self.gripper, self.reach, self.motion, self.search, self.sight.overlap)
+            robot = Robot(
+                reality, belief, planner, cameras, self.sight, self.handling, self.arm, witness=reality.pose_of
+            )
+            builder = Builder(robot, self.judging, self.recovery, self._ask_for_help, person=reality)
+            self._open.append((builder, reality))
+        return self._open[0][0]
+
+    @property
+    def simulated(self) -> Reality:
+        """The reality that the robot works in."""
+        assert self.builder
+        return self._open[0][1]
 
     def close(self) -> None:
         """Give the PyBullet worlds back."""
-        for builder in self._open:
-            builder.robot.reality.close()
+        for builder, reality in self._open:
+            reality.close()
             builder.robot.belief.close()
         self._open.clear()
 
@@ -128,3 +153,13 @@ class PandaWorld(World):
             print(f"block {block}: {cause}. Put it home and press Enter.", file=sys.stderr, flush=True)
             if not sys.stdin.readline():
                 raise Stopped(f"the robot needs a person, and nobody is at the terminal: block {block}: {cause}")
+
+
+def _child(rng: np.random.Generator) -> np.random.Generator:
+    """A generator of its own for reality, so that no draw of the robot depends on how often reality draws."""
+    return np.random.default_rng(int(rng.integers(2**63)))
+
+
+def _named(names: Sequence[str], poses: np.ndarray) -> dict[str, list[float]]:
+    """Poses [B, 4, 4] as vectors by the names of blocks."""
+    return {name: to_vector(where).tolist() for name, where in zip(names, poses)}

@@ -28,13 +28,16 @@ class Sighting:
     """What was seen of B blocks.
 
     poses: [B, 4, 4] in the robot's frame; NaN where a block was not seen. seen: [B] bool. residual: [B] how well the
-    markers fit [pixels, root mean square]. markers: [B] how many were used.
+    markers fit [pixels, root mean square]. markers: [B] how many were used. surprise: [B] how far the markers that are
+    seen are from where they would be if the block were where it was expected [pixels, median over markers]; NaN where
+    nothing was expected or seen.
     """
 
     poses: np.ndarray
     seen: np.ndarray
     residual: np.ndarray
     markers: np.ndarray
+    surprise: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,8 +75,8 @@ class Eyes:
         Args:
             images: [H, W] uint8 by the names of cameras that answered; none has to.
             places: [4, 4] by the names of cameras: their optical frames in the robot's frame.
-            expected: [B, 4, 4] where blocks are thought to be. It decides between two poses that explain a single
-                marker equally well, and nothing else.
+            expected: [B, 4, 4] where blocks are thought to be: to say how far what is seen surprises, and to decide
+                between two poses that explain a single marker equally well.
 
         Raises:
             ValueError: An image is not of the camera's size, or not of bytes.
@@ -95,6 +98,7 @@ class Eyes:
             np.array([n > 0 for _, _, n in found], bool),
             np.array([residual for _, residual, _ in found], float),
             np.array([n for _, _, n in found], int),
+            np.array([_surprise(expected, block, seen) for block, seen in enumerate(views)], float),
         )
 
     def _locate(self, block: int, views: Sequence[_View], expected: np.ndarray | None) -> tuple[np.ndarray, float, int]:
@@ -144,6 +148,13 @@ def _errors(where: np.ndarray, views: Sequence[_View]) -> np.ndarray:
     depth = np.maximum(local[..., 2:], 1e-3)
     seen = np.einsum("vij,vcj->vci", np.array([view.intrinsics for view in views]), local / depth)[..., :2]
     return seen - np.array([view.corners for view in views])
+
+
+def _surprise(expected: np.ndarray | None, block: int, views: Sequence[_View]) -> float:
+    """See `Sighting.surprise`."""
+    if expected is None or not views:
+        return np.nan
+    return float(np.median(np.sqrt((_errors(expected[block], views) ** 2).sum(-1).mean(-1))))
 
 
 def _fit(start: np.ndarray, views: Sequence[_View]) -> np.ndarray:

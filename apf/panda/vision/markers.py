@@ -1,8 +1,8 @@
 """Markers of blocks: each face of each block carries one of its own (OpenCV's aruco, dictionary DICT_4X4_250).
 
-Face 2 a + b of a block looks along its axis a (0: x, 1: y, 2: z), in the positive direction if b = 0. The marker of face
-f of block i has the number 6 i + f. It lies in the middle of the face, and is as large as the shorter side of the face
-allows with a white margin of one cell: 6 of 8 cells.
+Face 2 a + b of a block looks along its axis a (0: x, 1: y, 2: z), in the positive direction if b = 0. The marker of
+face f of block i has the number 6 i + f. It lies in the middle of the face, and is as large as the shorter side of the
+face allows with a white margin of one cell: 6 of 8 cells.
 """
 
 import cv2
@@ -58,7 +58,7 @@ def marker_poses(dims: np.ndarray) -> np.ndarray:
 
 
 def marker_corners(dims: np.ndarray) -> np.ndarray:
-    """[6, 4, 3] corners of the markers in the frame of a block with sides dims [3], clockwise from the upper left [m]."""
+    """[6, 4, 3] corners [m] of the markers in the frame of a block of sides dims [3], clockwise from the upper left."""
     half = marker_sides(dims)[:, None, None] / 2
     flat = np.array([[-1.0, 1.0, 0.0], [1.0, 1.0, 0.0], [1.0, -1.0, 0.0], [-1.0, -1.0, 0.0]])
     poses = marker_poses(dims)

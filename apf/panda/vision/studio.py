@@ -93,7 +93,7 @@ class Studio(Scene):
         pixels = np.reshape(np.asarray(picture[2], np.uint8), (height, width, 4))
         grey = cv2.cvtColor(np.ascontiguousarray(pixels[..., :3]), cv2.COLOR_RGB2GRAY)
         grey[np.reshape(np.asarray(picture[3]), (height, width)) >= 1.0] = BACKGROUND
-        image = grey.astype(np.float32)
+        image: np.ndarray = grey.astype(np.float32)
         if many > 1:
             image = cv2.resize(image, (camera.width, camera.height), interpolation=cv2.INTER_AREA)
         if camera.blur:

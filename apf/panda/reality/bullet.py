@@ -1,18 +1,22 @@
-"""The simulated robot at work: physics, joint control, and a gripper that holds by friction."""
+"""A robot at work in PyBullet: physics, joint control, and a gripper that holds by friction."""
 
-from collections.abc import Callable
-from itertools import pairwise
-from typing import Annotated, Literal
+from collections.abc import Callable, Collection
+from typing import Literal
 
 import numpy as np
-from pydantic import Field
 
+from apf.panda.flaws import Drawn
 from apf.panda.geometry import from_vector, inverse, to_vector
 from apf.panda.grasps import Gripper
+from apf.panda.hardware import Image
 from apf.panda.kinematics import REST
 from apf.panda.layout import Layout
+from apf.panda.reality.base import Bullet
+from apf.panda.reality.photographer import Photographer, State
+from apf.panda.reality.profile import motion_along
 from apf.panda.scene import ARM, FINGERS, HAND, LEFT, OPEN, RIGHT, TARGET, Scene
-from apf.settings import Few, Number, Whole, settings
+from apf.panda.settings import Arm
+from apf.panda.vision.cameras import WristCamera
 from apf.towers import BlockSet
 
 ARM_FORCES = [87.0] * 4 + [12.0] * 3
@@ -23,32 +27,10 @@ FINGERS_STOPPED = 0.002
 """Slower than this [m/s] they hold something, or each other."""
 
 
-@settings
-class Physics:
-    """How the simulation is stepped."""
+class BulletReality(Scene):
+    """A scene with gravity, behind `apf.panda.hardware.Hardware`. Time passes only in `step` and what calls it.
 
-    rate: Annotated[Whole, Field(ge=60, le=10000)] = 240
-    """Steps in a second."""
-    iterations: Few = 200
-    """Of the contact solver in each step; with PyBullet's usual 50 towers creep."""
-    friction: Annotated[Number, Field(gt=0, le=10)] = 0.6
-    """Coefficient of blocks, table and pedestal."""
-
-
-@settings
-class Arm:
-    """How fast the joints move."""
-
-    speed: Annotated[Number, Field(ge=0.01, le=10)] = 1.5
-    """[rad/s] of the fastest joint."""
-    acceleration: Annotated[Number, Field(ge=0.01, le=100)] = 6.0
-    """[rad/s^2] of the fastest joint."""
-    careful: Annotated[Number, Field(ge=0.01, le=10)] = 0.6
-    """[rad/s] near blocks: approach, lift, lower, retreat."""
-
-
-class Reality(Scene):
-    """A scene with gravity. Time passes only in `step` and in functions that call `step`.
+    Joints are said and taken as the robot measures them; `drawn.zeros` are between these and the true ones.
 
     Args:
         layout: Places on the table.
@@ -56,6 +38,8 @@ class Reality(Scene):
         arm: Speeds of the joints.
         gripper: What the fingers can hold.
         hold: How the hand holds a block: by friction alone, or tied to the hand, too (constraint).
+        photographer: Takes the images; it knows the flaws of this robot.
+        wrist: The camera on the hand.
         gui: Show a window?
     """
 
@@ -64,48 +48,64 @@ class Reality(Scene):
     def __init__(
         self,
         layout: Layout,
-        physics: Physics,
+        physics: Bullet,
         arm: Arm,
         gripper: Gripper,
         hold: Literal["friction", "constraint"],
+        photographer: Photographer,
+        wrist: WristCamera,
         gui: bool = False,
     ) -> None:
-        super().__init__(layout, gui)
+        super().__init__(layout, wrist, gui)
         self.physics, self.arm, self.gripper, self.hold = physics, arm, gripper, hold
+        self.photographer = photographer
         self.steps = 0
-        self.on_step: Callable[[Reality], None] | None = None
+        self.on_step: Callable[[BulletReality], None] | None = None
         """Called after every step, e.g. to film."""
         self._held: int | None = None
         self._tied: int | None = None
 
     @property
-    def seconds(self) -> float:
-        """Simulated time since the scene was built."""
-        return self.steps / self.physics.rate
+    def drawn(self) -> Drawn:
+        """The flaws of this robot."""
+        return self.photographer.drawn
 
-    def build(self, blocks: BlockSet, poses: np.ndarray, q: np.ndarray = REST) -> None:
-        """See `Scene.build`. The arm holds q; nothing moves yet.
+    @property
+    def rate(self) -> int:
+        """Steps in a second."""
+        return self.physics.rate
+
+    def close(self) -> None:
+        """Give the clients back."""
+        super().close()
+        self.photographer.close()
+
+    def begin(self, blocks: BlockSet, poses: np.ndarray, rng: np.random.Generator) -> None:
+        """Begin anew: the arm at rest, its gripper open, and each block at its pose; nothing moves yet.
 
         Args:
-            blocks: The set.
+            blocks: The set, as its file says.
             poses: [B, 4, 4] of the blocks.
-            q: [7] joints [rad].
+            rng: The source of the noise of images, and of how blocks jump when they are let go.
         """
-        super().build(blocks, poses, q)
+        self.rng, self.known = rng, blocks
+        self.build(self.drawn.blocks(blocks), poses, REST + self.drawn.zeros)
         self.steps, self._held, self._tied = 0, None, None
         client = self.client
         client.setGravity(0, 0, -9.81)
         client.setTimeStep(1 / self.physics.rate)
         client.setPhysicsEngineParameter(numSolverIterations=self.physics.iterations)
-        for body in (self.table, self.pedestal, *self.bodies):
+        for body in (self.table, self.pedestal):
             client.changeDynamics(body, -1, lateralFriction=self.physics.friction)
+        for body, factor in zip(self.bodies, self.drawn.friction(blocks)):
+            client.changeDynamics(body, -1, lateralFriction=float(self.physics.friction * factor))
         for finger in FINGERS:
             client.changeDynamics(self.robot, finger, lateralFriction=self.gripper.friction)
         gear = client.createConstraint(
             self.robot, LEFT, self.robot, RIGHT, client.JOINT_GEAR, (1, 0, 0), (0, 0, 0), (0, 0, 0)
         )
         client.changeConstraint(gear, gearRatio=-1, erp=0.1, maxForce=2 * self.gripper.force)
-        self._command(q, np.zeros_like(q))
+        self._command(REST, np.zeros_like(REST))
         self._fingers(FINGER_SPEED)
 
     def step(self, n: int = 1) -> None:
@@ -116,36 +116,45 @@ class Reality(Scene):
             if self.on_step is not None:
                 self.on_step(self)
 
+    def state(self) -> State:
+        """How things really are."""
+        fingers = tuple(position for position, *_ in self.client.getJointStates(self.robot, FINGERS))
+        return State(self.poses(), super().joints(), fingers, self.grasp_target())
+
+    # -- clock and cameras --------------------------------------------------------------------------------------
+
+    def seconds(self) -> float:
+        """Simulated time since the scene was built."""
+        return self.steps / self.physics.rate
+
     def wait(self, seconds: float) -> None:
         """Let time pass."""
         self.step(round(seconds * self.physics.rate))
 
+    def images(self, names: Collection[str]) -> dict[str, Image]:
+        """See `Hardware.images`."""
+        return self.photographer.images(names, self.known, self.state(), self.rng)
+
     # -- the arm ------------------------------------------------------------------------------------------------
 
-    def follow(self, path: np.ndarray, speed: float | None = None) -> None:
-        """Drive the joints along a path [M, 7], at most at `speed` [rad/s], with a halt at each sharp corner."""
-        for piece in smooth_pieces(np.vstack([self.joints(), path])):
-            self._drive(piece, speed or self.arm.speed)
+    def joints(self) -> np.ndarray:
+        """[7] of the arm, as it measures them [rad]."""
+        return super().joints() - self.drawn.zeros
 
-    def _drive(self, piece: np.ndarray, speed: float) -> None:
-        lengths = np.abs(np.diff(piece, axis=0)).max(1)
-        marks = np.concatenate([[0.0], np.cumsum(lengths)])
-        if marks[-1] < 1e-6:
-            return
-        times, positions = trapezoid(marks[-1], speed, self.arm.acceleration, self.physics.rate)
-        path = np.stack([np.interp(positions, marks, joint) for joint in piece.T], axis=1)
-        velocities = np.gradient(path, times, axis=0) if len(times) > 1 else np.zeros_like(path)
-        velocities[-1] = 0.0
-        for q, velocity in zip(path, velocities):
-            self._command(q, velocity)
-            self.step()
+    def follow(self, path: np.ndarray, speed: float) -> None:
+        """See `Hardware.follow`."""
+        whole = np.vstack([self.joints(), path])
+        for joints, velocities in motion_along(whole, speed, self.arm.acceleration, self.physics.rate):
+            for q, velocity in zip(joints, velocities):
+                self._command(q, velocity)
+                self.step()
 
     def _command(self, q: np.ndarray, velocity: np.ndarray) -> None:
         self.client.setJointMotorControlArray(
             self.robot,
             ARM,
             self.client.POSITION_CONTROL,
-            targetPositions=q.tolist(),
+            targetPositions=(q + self.drawn.zeros).tolist(),
             targetVelocities=velocity.tolist(),
             forces=ARM_FORCES,
             positionGains=[0.4] * len(ARM),
@@ -163,9 +172,8 @@ class Reality(Scene):
         """Between the fingers [m]."""
         return sum(state[0] for state in self.client.getJointStates(self.robot, FINGERS))
 
-    def grip(self, block: int) -> None:
-        """Close the fingers until they stop, and hold on. With hold=constraint the block is tied to the hand too."""
-        self._held = block
+    def grip(self) -> None:
+        """Close the fingers until they stop, and hold on. With hold=constraint a block between them is tied, too."""
         self._fingers(-FINGER_SPEED)
         self.wait(0.1)
         for _ in range(self.physics.rate):
@@ -174,28 +182,46 @@ class Reality(Scene):
             if max(speeds) < FINGERS_STOPPED:
                 break
         self.wait(0.1)
-        if self.hold == "constraint" and self._touches(block):
-            self._tie(block)
+        self._held = next((i for i, body in enumerate(self.bodies) if self._touches(body)), None)
+        if self.hold == "constraint" and self._held is not None:
+            self._tie(self._held)
 
     def release(self) -> None:
         """Open the fingers, first so gently that both let go together: what they press on must not jump."""
         if self._tied is not None:
             self.client.removeConstraint(self._tied)
             self._tied = None
-        if self._held is not None:
-            self._forget_contacts(self._held)
-            self._held = None
+        held, self._held = self._held, None
+        if held is not None:
+            self._forget_contacts(held)
             self.wait(0.03)  # contacts are found one by one
         for share in (0.3, 0.1, 0.03):
             self._fingers(-FINGER_SPEED, share)
             self.wait(0.04)
         self._fingers(FINGER_SPEED / 4)
         self.wait(0.05)
+        if held is not None:
+            self._slide(held)
         self._fingers(FINGER_SPEED)
         for _ in range(self.physics.rate):
             self.step()
             if self.width() > 2 * OPEN - 0.001:
                 break
+
+    def _slide(self, block: int) -> None:
+        """Move a block that was let go by what this robot's flaws say."""
+        assert self.blocks is not None
+        where = self.pose_of(block)
+        com = where[:3, :3] @ self.blocks.com[block]
+        shift = self.drawn.on_release(com, self.grasp_target()[:3, 1], self.rng)
+        if not shift.any():
+            return
+        body = self.bodies[block]
+        position, quaternion = self.client.getBasePositionAndOrientation(body)
+        velocities = self.client.getBaseVelocity(body)
+        shifted = (position[0] + shift[0], position[1] + shift[1], position[2])
+        self.client.resetBasePositionAndOrientation(body, shifted, quaternion)
+        self.client.resetBaseVelocity(body, *velocities)
 
     def _forget_contacts(self, block: int) -> None:
         """Make the next step find all contacts of a block anew.
@@ -221,8 +247,8 @@ class Reality(Scene):
             forces=[share * self.gripper.force] * 2,
         )
 
-    def _touches(self, block: int) -> bool:
-        return all(self.client.getContactPoints(self.robot, self.bodies[block], finger) for finger in FINGERS)
+    def _touches(self, body: int) -> bool:
+        return all(self.client.getContactPoints(self.robot, body, finger) for finger in FINGERS)
 
     def _tie(self, block: int) -> None:
         """Fix the block to the hand as it is held. Both frames of a constraint are given at a centre of mass."""
@@ -242,39 +268,3 @@ class Reality(Scene):
             held[3:].tolist(),
             (0, 0, 0, 1),
         )
-
-
-def smooth_pieces(path: np.ndarray) -> list[np.ndarray]:
-    """A path [M, 7] cut where its direction turns by more than 15 degrees."""
-    steps = np.diff(path, axis=0)
-    keep = np.concatenate([[True], np.abs(steps).max(1) > 1e-9])
-    path = path[keep]
-    steps = np.diff(path, axis=0)
-    directions = steps / np.linalg.norm(steps, axis=1, keepdims=True)
-    turns = (directions[1:] * directions[:-1]).sum(1) < np.cos(np.deg2rad(15))
-    corners = [0, *(np.flatnonzero(turns) + 1).tolist(), len(path) - 1]
-    return [path[a : b + 1] for a, b in pairwise(corners) if b > a]
-
-
-def trapezoid(length: float, speed: float, acceleration: float, rate: int) -> tuple[np.ndarray, np.ndarray]:
-    """Times [M] in steps of 1/rate and places [M] along a line, from rest to rest, ending exactly at `length`.
-
-    Args:
-        length: Of the line.
-        speed: The largest, in units of the line a second.
-        acceleration: In units of the line a second squared.
-        rate: Steps in a second.
-    """
-    peak = min(speed, float(np.sqrt(length * acceleration)))
-    ramp = peak / acceleration
-    total = length / peak + ramp
-    n = max(2, int(np.ceil(total * rate)) + 1)
-    times = np.arange(n) / rate
-    t = np.minimum(times, total)
-    left = total - t
-    places = np.where(
-        t < ramp,
-        acceleration * t**2 / 2,
-        np.where(left < ramp, length - acceleration * left**2 / 2, peak * (t - ramp / 2)),
-    )
-    return times, places
