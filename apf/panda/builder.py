@@ -101,7 +101,8 @@ class Builder:
         """
         unplanned, block, lost = 0, int(blocks[i]), False
         for attempt in range(self.recovery.attempts):
-            self.robot.look()
+            if attempt:
+                self.robot.look()
             if not self._all_stand(blocks, goals, i):
                 return FELL, WHILE_WORKING if attempt else BEFORE_NEXT
             outcome = self.robot.bring(block, goals[i], BUILD, lambda: self._may_go_on(blocks, goals, i))
@@ -129,8 +130,6 @@ class Builder:
         if not seen:
             robot.rest()
             seen = bool(robot.look()[block])
-        else:
-            robot.look()
         placement = robot.account.entries[-1]
         if seen and self._is_at(block, goals[i]) and self._all_stand(blocks, goals, i):
             return None
@@ -175,17 +174,24 @@ class Builder:
         for block in order:
             if self.robot.belief.fits(block, self.homes[block], ROOM):
                 tries[block] += 1
-                if self.robot.bring(block, self.homes[block], TIDY) not in NO_PLAN:
+                if self._bring(block, self.homes[block]) not in NO_PLAN:
                     return
         for block in order:
             spare = self._spare(block)
             taken = not self.robot.belief.fits(block, self.homes[block], ROOM)
             if spare is not None and taken:
                 tries[block] += 1
-                if self.robot.bring(block, spare, TIDY) not in NO_PLAN:
+                if self._bring(block, spare) not in NO_PLAN:
                     return
         for block in order:
             tries[block] += 1
+
+    def _bring(self, block: int, where: np.ndarray) -> str:
+        """Bring a block to a pose [4, 4] and see how it lies there; the outcome."""
+        outcome = self.robot.bring(block, where, TIDY)
+        if outcome == DONE:
+            self.robot.examine(block)
+        return outcome
 
     def _spare(self, block: int) -> np.ndarray | None:
         """[4, 4] pose in the first spare place that has room for a block; None: no place has room."""

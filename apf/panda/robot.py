@@ -115,7 +115,8 @@ class Robot:
     def bring(self, block: int, goal: np.ndarray, purpose: str, may_go_on: Callable[[], bool] = lambda: True) -> str:
         """One attempt to bring a block to a pose [4, 4]: plan, act. Returns the outcome, as the account has it.
 
-        The gripper is empty and the arm away from the blocks afterwards.
+        The gripper is empty afterwards, and the arm before the block or away from it. A block that was put down is
+        believed to be where it should be until it is examined.
 
         Args:
             block: Its number.
@@ -133,7 +134,6 @@ class Robot:
             entry.regrasps = sum(step.action == "regrasp" for step in steps)
             for step in steps:
                 self._perform(step, may_go_on)
-            self.examine(block)
             if self.witness is not None:
                 placed = self.witness(block)
                 entry.error, entry.turn = distance(placed, goal), angle(placed, goal)
