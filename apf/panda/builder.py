@@ -10,7 +10,7 @@ from apf.panda.accounting import BUILD, DONE, INTERVENTION, TIDY, Entry
 from apf.panda.geometry import angle, distance, pose
 from apf.panda.hardware import Person
 from apf.panda.layout import Layout
-from apf.panda.robot import IN_VAIN, NO_PLAN, Robot
+from apf.panda.robot import GONE, IN_VAIN, NO_PLAN, NOT_THERE, Robot
 from apf.panda.settings import Judging, Recovery
 from apf.towers import ROTATIONS, Towers
 
@@ -110,7 +110,7 @@ class Builder:
                 return DONE, None
             if outcome == IN_VAIN:
                 return FELL, WHILE_WORKING if attempt else WHILE_CARRYING
-            if outcome in NO_PLAN and lost:
+            if outcome == NOT_THERE or (outcome in NO_PLAN and lost):
                 self._by_hand(block, self._cause(block))
             unplanned += outcome in NO_PLAN
             lost = outcome not in NO_PLAN
@@ -160,13 +160,28 @@ class Builder:
                     self._by_hand(int(block), self._cause(int(block)))
             away = np.flatnonzero(~self._at_home())
             if not len(away):
-                break
+                missing = self._missing()
+                if missing is None:
+                    return
+                self._by_hand(missing, NOT_THERE)
+                continue
             worn = [int(block) for block in away if tries[block] >= self.recovery.tries]
             if worn:
                 self._by_hand(worn[0], self._cause(worn[0]))
             else:
                 self._one_block(away, tries)
+
+    def _missing(self) -> int | None:
+        """Go to rest, and look for a block that is believed to be at home and is not; None: there is none.
+
+        A block that no camera beside the table sees is looked for with the camera on the hand.
+        """
         self.robot.rest()
+        hidden = np.flatnonzero(~self.robot.look())
+        missing = next((int(block) for block in hidden if not self.robot.visit(int(block))), None)
+        if len(hidden):
+            self.robot.rest()
+        return missing
 
     def _one_block(self, away: np.ndarray, tries: np.ndarray) -> None:
         """Move one block, the highest first: to its home if that is free and a plan is found, else to a spare place."""
@@ -226,7 +241,7 @@ class Builder:
         x, y, _ = place = self.robot.belief.thought[block, :3, 3]
         attempts = [entry for entry in self.robot.account.entries if entry.block == self.names[block]]
         if not self.layout.holds(place):
-            return "off the table"
+            return NOT_THERE if place[2] <= GONE[2, 3] else "off the table"
         if np.hypot(x, y) > 0.75:
             return "out of reach"
         return attempts[-1].outcome if attempts and attempts[-1].outcome != DONE else "jammed"
