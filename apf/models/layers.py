@@ -52,6 +52,9 @@ class EnsembleNetwork(nn.Module):
 
     for_domain: ClassVar[type[Domain] | None] = None
     """Whose features it knows; None: those of any domain will do."""
+    kernel_of: ClassVar[str]
+    """The network in `apf.models.kernels.KERNELS` whose kernel serves this very class, too, but no sub-class of it: for
+    a graph network that differs in its `pair_features` alone."""
 
     def forward(self, x: Tensor, last_only: bool = False) -> Tensor:
         """Logits that each prefix of 2..K placements is feasible, given that the prefixes before it were.

@@ -18,6 +18,7 @@ class ContactTGN(TGN):
 
     for_domain = TowerDomain
     n_pair = 4
+    kernel_of = "apf.TGN"
 
     def pair_features(self, x: Tensor, pairs: Tensor) -> Tensor:
         """As `GraphNetwork.pair_features`: the contact distances."""
