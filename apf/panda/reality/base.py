@@ -2,11 +2,9 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from importlib.util import find_spec
-from typing import Annotated, Any, Literal, Protocol
+from typing import Any, Literal, Protocol
 
 import numpy as np
-from pydantic import Field, model_validator
 
 from apf.panda.grasps import Gripper
 from apf.panda.hardware import Hardware, Person
@@ -14,7 +12,7 @@ from apf.panda.layout import Layout
 from apf.panda.reality.photographer import Photographer, State
 from apf.panda.settings import Arm
 from apf.panda.vision.cameras import WristCamera
-from apf.settings import Few, Number, Whole, settings
+from apf.settings import settings
 from apf.towers import BlockSet
 
 
@@ -85,89 +83,3 @@ class Physics(ABC):
             wrist: The camera on the hand.
             gui: Show a window?
         """
-
-
-@settings
-class Bullet(Physics):
-    """PyBullet."""
-
-    rate: Annotated[Whole, Field(ge=60, le=10000)] = 240
-    """Steps in a second."""
-    iterations: Few = 200
-    """Of the contact solver in each step; with PyBullet's usual 50 towers creep."""
-    friction: Annotated[Number, Field(gt=0, le=10)] = 0.6
-    """Coefficient of blocks, table and pedestal."""
-
-    def reality(
-        self,
-        layout: Layout,
-        arm: Arm,
-        gripper: Gripper,
-        hold: Literal["friction", "constraint"],
-        photographer: Photographer,
-        wrist: WristCamera,
-        gui: bool,
-    ) -> Reality:
-        """See `Physics.reality`.
-
-        Args:
-            layout: Places on the table.
-            arm: Speeds of the joints.
-            gripper: What the fingers can hold.
-            hold: How the hand holds a block: by friction alone, or tied to the hand, too (constraint).
-            photographer: Takes the images; it knows the flaws of this robot.
-            wrist: The camera on the hand.
-            gui: Show a window?
-        """
-        from apf.panda.reality.bullet import BulletReality
-
-        return BulletReality(layout, self, arm, gripper, hold, photographer, wrist, gui)
-
-
-@settings
-class Mujoco(Physics):
-    """MuJoCo: contacts are a little soft, and friction is solved for exactly. Needs `pip install "apf[mujoco]"`."""
-
-    rate: Annotated[Whole, Field(ge=100, le=10000)] = 500
-    """Steps in a second."""
-    iterations: Few = 100
-    """Of the contact solver in each step, at most."""
-    friction: Annotated[Number, Field(gt=0, le=10)] = 0.6
-    """Coefficient of blocks, table and pedestal; a contact has the product of both bodies' coefficients."""
-    contact: Annotated[Number, Field(ge=0.001, le=1)] = 0.006
-    """Time in which two bodies that overlap are pushed apart [s]; at least two steps."""
-    grip: Annotated[Number, Field(ge=1, le=1000)] = 10.0
-    """How much stiffer friction is than the contact itself: with 1, what is held slowly slips."""
-
-    @model_validator(mode="after")
-    def _two_steps(self) -> "Mujoco":
-        if self.contact < 2 / self.rate:
-            raise ValueError(f"contact={self.contact:g} is less than two steps of 1/{self.rate} s")
-        if find_spec("mujoco") is None:
-            raise ValueError("MuJoCo is not installed: pip install 'apf[mujoco]'")
-        return self
-
-    def reality(
-        self,
-        layout: Layout,
-        arm: Arm,
-        gripper: Gripper,
-        hold: Literal["friction", "constraint"],
-        photographer: Photographer,
-        wrist: WristCamera,
-        gui: bool,
-    ) -> Reality:
-        """See `Physics.reality`.
-
-        Args:
-            layout: Places on the table.
-            arm: Speeds of the joints.
-            gripper: What the fingers can hold.
-            hold: How the hand holds a block: by friction alone, or tied to the hand, too (constraint).
-            photographer: Takes the images; it knows the flaws of this robot.
-            wrist: The camera on the hand.
-            gui: Show a window? There is none for this physics.
-        """
-        from apf.panda.reality.mujoco import MujocoReality
-
-        return MujocoReality(layout, self, arm, gripper, hold, photographer, wrist, gui)

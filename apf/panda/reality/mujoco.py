@@ -1,32 +1,40 @@
 """A robot at work in MuJoCo: physics, joint control, and a gripper that holds by friction."""
 
-from typing import Literal
+from typing import Annotated, Literal
 
-import mujoco
 import numpy as np
+from pydantic import Field, model_validator
 
 from apf.errors import InputError
 from apf.panda.geometry import from_vector, inverse, pose, to_vector
 from apf.panda.grasps import Gripper
 from apf.panda.layout import Layout
-from apf.panda.reality.base import Mujoco
-from apf.panda.reality.mujoco_model import (
-    ARM_JOINTS,
-    DAMPING,
-    FINGER_BODIES,
-    FINGER_JOINTS,
-    HAND,
-    STIFFNESS,
-    TARGET,
-    block_name,
-    model_of,
-)
+from apf.panda.reality.base import Physics, Reality
 from apf.panda.reality.photographer import Photographer
 from apf.panda.reality.simulated import ARM_FORCES, Simulated
 from apf.panda.scene import OPEN
 from apf.panda.settings import Arm
 from apf.panda.vision.cameras import WristCamera
+from apf.settings import Few, Number, Whole, settings
 from apf.towers import BlockSet
+
+try:
+    import mujoco
+
+    from apf.panda.reality.mujoco_model import (
+        ARM_JOINTS,
+        DAMPING,
+        FINGER_BODIES,
+        FINGER_JOINTS,
+        HAND,
+        STIFFNESS,
+        TARGET,
+        Contacts,
+        block_name,
+        spec_of,
+    )
+except ImportError as error:
+    raise ImportError(f"this physics needs {error.name}: pip install 'apf[mujoco]'") from None
 
 ARM, FINGERS = slice(0, 7), slice(7, 9)
 """Of the actuators; of places and velocities, too: the robot is the first body."""
@@ -34,6 +42,51 @@ ARRIVED = 0.002
 """A motion has ended when no joint turns faster than this [rad/s],"""
 ARRIVING = 0.2
 """and after this time at the latest [s]."""
+
+
+@settings
+class Mujoco(Physics):
+    """MuJoCo: contacts are a little soft, and friction is solved for exactly. Needs `pip install "apf[mujoco]"`."""
+
+    rate: Annotated[Whole, Field(ge=100, le=10000)] = 500
+    """Steps in a second."""
+    iterations: Few = 100
+    """Of the contact solver in each step, at most."""
+    friction: Annotated[Number, Field(gt=0, le=10)] = 0.6
+    """Coefficient of blocks, table and pedestal; a contact has the product of both bodies' coefficients."""
+    contact: Annotated[Number, Field(ge=0.001, le=1)] = 0.006
+    """Time in which two bodies that overlap are pushed apart [s]; at least two steps."""
+    grip: Annotated[Number, Field(ge=1, le=1000)] = 10.0
+    """How much stiffer friction is than the contact itself: with 1, what is held slowly slips."""
+
+    @model_validator(mode="after")
+    def _two_steps(self) -> "Mujoco":
+        if self.contact < 2 / self.rate:
+            raise ValueError(f"contact={self.contact:g} is less than two steps of 1/{self.rate} s")
+        return self
+
+    def reality(
+        self,
+        layout: Layout,
+        arm: Arm,
+        gripper: Gripper,
+        hold: Literal["friction", "constraint"],
+        photographer: Photographer,
+        wrist: WristCamera,
+        gui: bool,
+    ) -> Reality:
+        """See `Physics.reality`.
+
+        Args:
+            layout: Places on the table.
+            arm: Speeds of the joints.
+            gripper: What the fingers can hold.
+            hold: How the hand holds a block: by friction alone, or tied to the hand, too (constraint).
+            photographer: Takes the images; it knows the flaws of this robot.
+            wrist: The camera on the hand.
+            gui: Show a window? There is none for this physics.
+        """
+        return MujocoReality(layout, self, arm, gripper, hold, photographer, wrist, gui)
 
 
 class MujocoReality(Simulated):
@@ -105,9 +158,20 @@ class MujocoReality(Simulated):
             poses: [B, 4, 4] of the blocks.
             q: [7] true joints [rad].
         """
-        self.model = model_of(
-            self.layout, self.wrist, self.physics, blocks, friction, self.gripper.friction, ARM_FORCES
+        physics = self.physics
+        surfaces = Contacts(
+            blocks=physics.friction * friction,
+            others=physics.friction,
+            fingers=self.gripper.friction,
+            settling=physics.contact,
+            stopping=2 / physics.rate,
         )
+        spec = spec_of(self.layout, self.wrist, blocks, surfaces, ARM_FORCES)
+        option = spec.option
+        option.timestep, option.iterations = 1 / physics.rate, physics.iterations
+        option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+        option.cone, option.impratio = mujoco.mjtCone.mjCONE_ELLIPTIC, physics.grip
+        self.model = spec.compile()
         self.data = mujoco.MjData(self.model)
         assert [self.model.joint(name).qposadr[0] for name in (*ARM_JOINTS, *FINGER_JOINTS)] == list(range(9))
         self.data.qpos[ARM], self.data.qpos[FINGERS] = q, OPEN

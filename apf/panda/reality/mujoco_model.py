@@ -1,6 +1,8 @@
 """The bodies of MuJoCo's reality: table, pedestal, arm and blocks, and which of them can touch."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations, product
 from xml.etree import ElementTree
 
 import mujoco
@@ -8,7 +10,6 @@ import numpy as np
 
 from apf.panda.layout import Layout
 from apf.panda.model import urdf
-from apf.panda.reality.base import Mujoco
 from apf.panda.scene import TABLE_THICKNESS
 from apf.panda.vision.cameras import WristCamera
 from apf.towers import BlockSet
@@ -16,7 +17,7 @@ from apf.towers import BlockSet
 ARM_JOINTS = [f"panda_joint{i}" for i in range(1, 8)]
 FINGER_JOINTS = ["panda_finger_joint1", "panda_finger_joint2"]
 FINGER_BODIES = ["panda_leftfinger", "panda_rightfinger"]
-HAND, TARGET = "panda_hand", "panda_grasptarget"
+BASE, HAND, TARGET = "panda_link0", "panda_hand", "panda_grasptarget"
 
 STIFFNESS = [8000.0] * 4 + [4000.0] * 3
 """Torque of a motor for an error of its joint [Nm/rad],"""
@@ -29,7 +30,9 @@ FINGER_DAMPING = 1000.0
 FINGER_ROTOR = 1.0
 """Mass that a motor adds to its finger [kg]."""
 HARDNESS = (0.95, 0.99, 0.001, 0.5, 2.0)
-"""MuJoCo's solimp of contacts."""
+"""MuJoCo's solimp of contacts,"""
+TIED = (0.999, 0.9999, 0.001, 0.5, 2.0)
+"""and of a block that is tied to the hand."""
 
 
 def block_name(index: int) -> str:
@@ -37,48 +40,46 @@ def block_name(index: int) -> str:
     return f"block_{index}"
 
 
-def model_of(
-    layout: Layout,
-    wrist: WristCamera,
-    physics: Mujoco,
-    blocks: BlockSet,
-    friction: np.ndarray,
-    fingers: float,
-    forces: Sequence[float],
-) -> mujoco.MjModel:
+@dataclass(frozen=True, eq=False)
+class Contacts:
+    """How bodies touch. A contact has the product of both bodies' coefficients of friction.
+
+    blocks: [B] coefficients of the blocks. others: Of table, pedestal and arm. fingers: Of the fingers' pads. settling:
+    Time in which two bodies that overlap are pushed apart [s]. stopping: Time in which friction stops what slides [s];
+    what is held by a hand that turns slips in proportion to it.
+    """
+
+    blocks: np.ndarray
+    others: float
+    fingers: float
+    settling: float
+    stopping: float
+
+
+def spec_of(
+    layout: Layout, wrist: WristCamera, blocks: BlockSet, contacts: Contacts, forces: Sequence[float]
+) -> mujoco.MjSpec:
     """All bodies. Actuators: the seven motors of the arm, then those of the fingers. Equalities: fingers, then blocks.
 
     Args:
         layout: Places on the table.
         wrist: The camera on the hand.
-        physics: Settings of the simulation.
         blocks: The set as it really is.
-        friction: [B] factors of the friction of the blocks.
-        fingers: Coefficient of friction of the fingers' pads.
+        contacts: How bodies touch.
         forces: [7] largest torques of the arm's motors [Nm].
     """
     spec = _robot(wrist)
-    option = spec.option
-    option.timestep = 1 / physics.rate
-    option.iterations = physics.iterations
-    option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-    option.impratio = physics.grip
     for body in spec.bodies[1:]:
         body.gravcomp = 1.0
     _add_motors(spec, forces)
-    arm = {geom.name: _coefficient(geom, physics, fingers) for geom in _named(spec)}
-    ground = {name: physics.friction for name in _add_ground(spec, layout)}
-    cuboids = {_add_block(spec, blocks, i): float(physics.friction * friction[i]) for i in range(len(blocks))}
-    names = list(cuboids)
-    for i, block in enumerate(names):
-        for others in (ground, arm, {name: cuboids[name] for name in names[:i]}):
-            for other, coefficient in others.items():
-                _add_pair(spec, block, other, cuboids[block] * coefficient, physics)
-    for part, coefficient in arm.items():
-        for other in ground:
-            _add_pair(spec, part, other, coefficient * ground[other], physics)
-    return spec.compile()
+    shapes = _arm_shapes(spec)
+    arm = {name: contacts.fingers if body in FINGER_BODIES else contacts.others for name, body in shapes.items()}
+    ground = dict.fromkeys(_add_ground(spec, layout), contacts.others)
+    cuboids = {_add_block(spec, blocks, i, contacts): float(contacts.blocks[i]) for i in range(len(blocks))}
+    touching = [*product(cuboids.items(), (arm | ground).items()), *combinations(cuboids.items(), 2)]
+    for (one, rough), (other, smooth) in [*touching, *product(arm.items(), ground.items())]:
+        _add_pair(spec, one, other, rough * smooth, contacts)
+    return spec
 
 
 def _robot(wrist: WristCamera) -> mujoco.MjSpec:
@@ -116,19 +117,18 @@ def _add_motor(spec: mujoco.MjSpec, joint: str, gain: float, bias: tuple[float, 
     )
 
 
-def _named(spec: mujoco.MjSpec) -> list[mujoco.MjsGeom]:
-    """The shapes of the arm but its base, which no block reaches; each with a name, none touching anything by itself."""
-    found = []
+def _arm_shapes(spec: mujoco.MjSpec) -> dict[str, str]:
+    """Names of the arm's shapes, but of its base, which no block reaches, and of the bodies that they belong to.
+
+    None touches anything by itself.
+    """
+    found = {}
     for number, geom in enumerate(spec.geoms):
         geom.contype = geom.conaffinity = 0
-        if geom.parent.name != "panda_link0":
+        if geom.parent.name != BASE:
             geom.name = f"arm_{number}"
-            found.append(geom)
+            found[geom.name] = geom.parent.name
     return found
-
-
-def _coefficient(geom: mujoco.MjsGeom, physics: Mujoco, fingers: float) -> float:
-    return fingers if geom.parent.name in FINGER_BODIES else physics.friction
 
 
 def _add_ground(spec: mujoco.MjSpec, layout: Layout) -> tuple[str, str]:
@@ -141,7 +141,7 @@ def _add_ground(spec: mujoco.MjSpec, layout: Layout) -> tuple[str, str]:
     return "table", "pedestal"
 
 
-def _add_block(spec: mujoco.MjSpec, blocks: BlockSet, index: int) -> str:
+def _add_block(spec: mujoco.MjSpec, blocks: BlockSet, index: int, contacts: Contacts) -> str:
     """A block whose frame is at its centre of geometry; the name of its shape."""
     name, mass, dims = block_name(index), float(blocks.mass[index]), blocks.dims[index]
     body = spec.worldbody.add_body(name=name)
@@ -150,8 +150,15 @@ def _add_block(spec: mujoco.MjSpec, blocks: BlockSet, index: int) -> str:
     body.mass, body.ipos = mass, blocks.com[index]
     body.inertia = mass / 12 * (dims @ dims - dims**2)
     _add_box(body, name, dims, (0.0, 0.0, 0.0))
-    weld = spec.add_equality(type=mujoco.mjtEq.mjEQ_WELD, objtype=mujoco.mjtObj.mjOBJ_BODY, name1=HAND, name2=name)
-    weld.active = False
+    spec.add_equality(
+        type=mujoco.mjtEq.mjEQ_WELD,
+        objtype=mujoco.mjtObj.mjOBJ_BODY,
+        name1=HAND,
+        name2=name,
+        active=False,
+        solref=[contacts.stopping, 1.0],
+        solimp=TIED,
+    )
     return name
 
 
@@ -160,13 +167,14 @@ def _add_box(body: mujoco.MjsBody, name: str, size: np.ndarray, place: tuple[flo
     body.add_geom(name=name, type=box, size=size / 2, pos=place, contype=0, conaffinity=0)
 
 
-def _add_pair(spec: mujoco.MjSpec, one: str, other: str, friction: float, physics: Mujoco) -> None:
+def _add_pair(spec: mujoco.MjSpec, one: str, other: str, friction: float, contacts: Contacts) -> None:
     """Two shapes that can touch. MuJoCo would take the larger coefficient of friction; here it is their product."""
     spec.add_pair(
         geomname1=one,
         geomname2=other,
         condim=3,
         friction=[friction, friction, 0.005, 0.0001, 0.0001],
-        solref=[physics.contact, 1.0],
+        solref=[contacts.settling, 1.0],
+        solreffriction=[contacts.stopping, 1.0],
         solimp=HARDNESS,
     )

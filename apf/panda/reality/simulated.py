@@ -69,6 +69,14 @@ class Simulated(ABC):
             if self.on_step is not None:
                 self.on_step(self)
 
+    @abstractmethod
+    def put(self, index: int, where: np.ndarray) -> None:
+        """See `Person.put`."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Give everything back."""
+
     def state(self) -> State:
         """How things really are."""
         return State(self.poses(), self._joints(), self._finger_places(), self.grasp_target())
@@ -196,8 +204,10 @@ class Simulated(ABC):
     def pose_of(self, index: int) -> np.ndarray:
         """[4, 4] of a block's centre of geometry."""
 
+    @abstractmethod
     def _on_grip(self, block: int | None) -> None:
         """Called when the fingers have closed, with the block between them."""
 
+    @abstractmethod
     def _on_release(self, block: int | None) -> None:
         """Called before the fingers open, with the block between them."""
