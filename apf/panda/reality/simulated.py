@@ -136,13 +136,13 @@ class Simulated(ABC):
             self.wait(0.04)
         self._fingers(FINGER_SPEED / 4)
         self.wait(0.05)
-        if held is not None:
-            self._slide(held)
         self._fingers(FINGER_SPEED)
         for _ in range(self.rate):
             self.step()
             if self.width() > 2 * OPEN - 0.001:
                 break
+        if held is not None:
+            self._slide(held)  # now, as open fingers leave room for it
 
     def _slide(self, block: int) -> None:
         """Move a block that was let go by what this robot's flaws say."""
