@@ -34,7 +34,7 @@ def physics(request: pytest.FixtureRequest) -> Physics:
 
 @pytest.fixture
 def make(physics: Physics, graspable: BlockSet) -> Iterator[Make]:
-    """`make(flaws, hold=..., poses=...)`: a reality of this physics that has begun; blocks at home, if not elsewhere."""
+    """`make(flaws, hold=..., poses=...)`: a reality of this physics that has begun; by default blocks are at home."""
     made = []
 
     def make(flaws: Flaws | None = None, hold: str = "friction", poses: np.ndarray | None = None) -> Reality:

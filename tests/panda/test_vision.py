@@ -181,9 +181,10 @@ class TestEyes:
             poses[3] = pose((0.45, 0.01, graspable.dims[2, 2] + graspable.dims[3, 2] / 2))
             found = seen(studio, poses, seed=seed)
             assert found.seen.all()
-            assert (found.markers >= 2).all()
-            errors += [distance(a, b) for a, b in zip(found.poses, poses)]
-            turns += [angle(a, b) for a, b in zip(found.poses, poses)]
+            well = np.flatnonzero(found.markers >= 3)
+            assert len(well) >= 3
+            errors += [distance(found.poses[i], poses[i]) for i in well]
+            turns += [angle(found.poses[i], poses[i]) for i in well]
         assert np.median(errors) < 0.0015
         assert max(errors) < 0.006
         assert np.rad2deg(np.median(turns)) < 1.5
@@ -257,7 +258,7 @@ class TestEyes:
 
         def corners(name: str, block: int, face: int) -> np.ndarray:
             points = marker_corners(graspable.dims[block])[face] @ poses[block][:3, :3].T + poses[block][:3, 3]
-            return projected(points, places[name], CAMERAS[name].intrinsics)
+            return np.ascontiguousarray(projected(points, places[name], CAMERAS[name].intrinsics))
 
         def misread(image: np.ndarray, blocks: int) -> list[Detection]:
             name = "left" if image[0, 0] == 0 else "right"
