@@ -25,6 +25,7 @@ CHOICES = [
     *([f"sampler={path.stem}"] for path in sorted((CONF / "sampler").glob("*.yaml"))),
     *([f"model={path.stem}"] for path in sorted((CONF / "model").glob("*.yaml"))),
     *([f"predictor={name}"] for name in ("learned", "analytic", "simulation")),
+    *([f"planner={name}"] for name in ("monte_carlo", "search")),
     ["world=panda"],
     *([f"domain={name}", "predictor=simulation"] for name in ("towers", "packing")),
 ]

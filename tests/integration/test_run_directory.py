@@ -21,7 +21,20 @@ from apf.towers import NoisyWorld, read_towers, standing_prefixes
 from apf.towers.files import TOWER_COLUMNS
 from integration.command_line import SMOKE, TINY, Result, call
 
-REGRET = ["step", "plans", "task", "problem", "world", "value", "chance", "best_value", "regret", "feasible"]
+REGRET = [
+    "step",
+    "plans",
+    "task",
+    "problem",
+    "world",
+    "value",
+    "chance",
+    "best_value",
+    "regret",
+    "feasible",
+    "search_value",
+    "search_regret",
+]
 ACCURACY = ["step", "plans", "length", "accuracy", "auc", "n"]
 TASKS = ["tallest", "overhang", "unsupported"]
 WORLDS = ["analytic", "noisy"]
