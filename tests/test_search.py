@@ -111,9 +111,11 @@ def choose(searcher: SearchPlanner, starts: list[Any], tasks: Mapping[str, Task]
     return list(searcher.choose(problems, tasks, judge, domain))
 
 
-def asked_of_all(searcher: SearchPlanner, start: Judged, task: Task, judge: Predictor, domain: Any, rng: Any) -> Judged:
+def asked_of_all(
+    searcher: SearchPlanner, start: Judged, task: Task, judge: Predictor, domain: Any, seed: int
+) -> Judged:
     """The search in its plainest form: the predictor is asked about every child."""
-    kept = start.best(searcher.parents)
+    kept, rng = start.best(searcher.parents), stream(seed, "variations for task")
     for _ in range(searcher.generations):
         children = domain.vary(kept.plans[np.arange(searcher.children) % len(kept.value)], rng)
         judged = Judged(children, task.value(children), judge.feasibility(children, rng))
@@ -160,8 +162,8 @@ def test_what_is_not_asked_about_changes_nothing(
     searcher = planner(parents=parents, children=children, generations=generations)
     judge, plain, plans = Chances(seed), Chances(seed), some_words(seed, n)
     start = Judged(plans, Sum().value(plans), judge.feasibility(plans, np.random.default_rng()))
-    found = searcher.search(start, Sum(), judge, WORDS, stream(seed, "search"))
-    expected = asked_of_all(searcher, start, Sum(), plain, WORDS, stream(seed, "search"))
+    found = searcher.search({"task": start}, {"task": Sum()}, judge, WORDS, seed)["task"]
+    expected = asked_of_all(searcher, start, Sum(), plain, WORDS, seed)
     np.testing.assert_array_equal(found.plans.digit, expected.plans.digit)
     assert found.expected == expected.expected >= start.expected.max()
     assert sum(map(len, judge.asked)) <= n + sum(map(len, plain.asked))

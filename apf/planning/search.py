@@ -71,44 +71,47 @@ class SearchPlanner(Planner):
     def choose(
         self, problems: Iterable[Problem], tasks: Mapping[str, Task], predictor: Predictor, domain: Domain
     ) -> Iterator[dict[str, Choice]]:
-        """As `Planner.choose`. What is chosen for a task depends neither on other tasks nor on other problems."""
+        """As `Planner.choose`; one problem after another, all tasks of a problem side by side.
+
+        A choice does not depend on other problems. It depends on other tasks only if the predictor draws at random, or
+        by the rounding of its answers.
+        """
         judge = self.judge(predictor)
         for problem in problems:
             seed = int(problem.rng.integers(2**63))
-            plans, chance = self._start(problem.candidates, judge, stream(seed, "start"))
+            rng = stream(seed, "predictor")
+            plans, chance = self._start(problem.candidates, judge, rng)
+            starts = {name: Judged(plans, task.value(plans), chance) for name, task in tasks.items()}
             found = {}
-            for name, task in tasks.items():
-                rng = stream(seed, f"search for {name}")
-                best = self.search(Judged(plans, task.value(plans), chance), task, judge, domain, rng)
+            for name, best in self.search(starts, tasks, judge, domain, seed).items():
                 alone = best.chance if judge.random else judge.feasibility(best.plans, rng)
                 found[name] = Choice(best.plans, float(best.value[0]), float(alone[0]))
             yield found
 
     def search(
-        self, start: Judged, task: Task, predictor: Predictor, domain: Domain, rng: np.random.Generator
-    ) -> Judged:
-        """The best plan found (a batch of one).
+        self, starts: Mapping[str, Judged], tasks: Mapping[str, Task], predictor: Predictor, domain: Domain, seed: int
+    ) -> dict[str, Judged]:
+        """The best plan found for each task (a batch of one).
 
         A plan whose value is no higher than P x V of the worst parent cannot become a parent, since P <= 1. The
         predictor is not asked about such a plan, and the search finds the same as if it were.
 
         Args:
-            start: Plans that the search starts from.
-            task: Gives V.
-            predictor: Gives P.
+            starts: Plans that each search starts from.
+            tasks: By the same names; each gives V.
+            predictor: Gives P. It is asked about the plans of all tasks together, which is faster.
             domain: Varies plans.
-            rng: The source of all draws.
+            seed: Of all draws. Each task has a stream of its own.
         """
-        parents = start.best(self.parents)
+        parents = {name: start.best(self.parents) for name, start in starts.items()}
+        rngs, rng = {name: stream(seed, f"variations for {name}") for name in tasks}, stream(seed, "children")
         for _ in range(self.generations):
-            children = domain.vary(parents.plans[np.arange(self.children) % len(parents.value)], rng)
-            value = task.value(children)
-            full = len(parents.value) == self.parents
-            rows = np.flatnonzero(value > parents.expected[-1]) if full else np.arange(len(value))
-            if len(rows):
-                chance = predictor.feasibility(children[rows], rng)
-                parents = parents.joined(Judged(children[rows], value[rows], chance), domain).best(self.parents)
-        return parents.best(1)
+            children = {name: self._children(parents[name], task, domain, rngs[name]) for name, task in tasks.items()}
+            chance = predictor.feasibility(domain.concatenate([plans for plans, _ in children.values()]), rng)
+            ends = np.cumsum([len(plans) for plans, _ in children.values()])
+            for (name, (plans, value)), part in zip(children.items(), np.split(chance, ends[:-1]), strict=True):
+                parents[name] = parents[name].joined(Judged(plans, value, part), domain).best(self.parents)
+        return {name: each.best(1) for name, each in parents.items()}
 
     def reference(
         self, standing: Any, tasks: Mapping[str, Task], domain: Domain, rng: np.random.Generator
@@ -116,12 +119,20 @@ class SearchPlanner(Planner):
         """As `Planner.reference`; the search starts from the feasible candidates of highest value. 0: there is none."""
         if not len(standing):
             return dict.fromkeys(tasks, 0.0)
-        seed, found = int(rng.integers(2**63)), {}
-        for name, task in tasks.items():
-            start = Judged(standing, task.value(standing), np.ones(len(standing)))
-            best = self.search(start, task, Rule(domain), domain, stream(seed, f"search for {name}"))
-            found[name] = float(best.value[0])
-        return found
+        starts = {name: Judged(standing, task.value(standing), np.ones(len(standing))) for name, task in tasks.items()}
+        found = self.search(starts, tasks, Rule(domain), domain, int(rng.integers(2**63)))
+        return {name: float(best.value[0]) for name, best in found.items()}
+
+    def _children(
+        self, parents: Judged, task: Task, domain: Domain, rng: np.random.Generator
+    ) -> tuple[Any, np.ndarray]:
+        """Variations of the parents that may become parents, and V of each."""
+        children = domain.vary(parents.plans[np.arange(self.children) % len(parents.value)], rng)
+        value = task.value(children)
+        if len(parents.value) < self.parents:
+            return children, value
+        rows = np.flatnonzero(value > parents.expected[-1])
+        return children[rows], value[rows]
 
     def _start(self, candidates: Any, predictor: Predictor, rng: np.random.Generator) -> tuple[Any, np.ndarray]:
         """The first candidates and P of each [start], or the next ones if none of the first may succeed."""
