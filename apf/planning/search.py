@@ -9,7 +9,7 @@ import numpy as np
 from apf.domain import Domain, Predictor, Task
 from apf.planning.planner import Choice, Odds, Planner, Problem
 from apf.rng import stream
-from apf.settings import Count, Many, settings
+from apf.settings import Count, settings
 
 DIGITS = 6
 """Of P, by which plans are told apart: the last ones depend on how many plans were judged together."""
@@ -60,12 +60,12 @@ class SearchPlanner(Planner):
     """argmax of P(phi = 1 | a) V(a), by local search from random plans."""
 
     odds: Odds | None = 1.0
-    start: Many = 1000
+    start: Count = 1000
     """Random plans that the search starts from."""
     generations: Count = 30
-    children: Many = 100
+    children: Count = 100
     """Variations in each generation, as many of each parent."""
-    parents: Many = 10
+    parents: Count = 10
     """Best plans so far, which are varied next. Several keep the search from ending where only one of them leads."""
 
     def choose(

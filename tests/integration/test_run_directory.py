@@ -317,6 +317,21 @@ def test_initial_towers_alone_are_a_run_too(here: Path) -> None:
 
 
 @pytest.mark.usefixtures("no_figures")
+@pytest.mark.parametrize("domain", ["towers", "packing"])
+def test_a_run_that_plans_by_search_regrets_what_a_search_would_have_found(here: Path, domain: str) -> None:
+    small = ("planner=search", "planner.start=20", "planner.generations=3", "planner.children=10")
+    call(*TINY, f"domain={domain}", *small, "hydra.run.dir=run").must_work()
+    regret = pd.read_parquet(here / "run" / "regret.parquet")
+    reward = regret["value"] * regret["feasible"]
+    assert (regret["search_value"] >= regret["best_value"]).all()
+    assert ((regret["search_value"] - reward) / regret["search_value"] == regret["search_regret"]).all()
+    assert regret["search_regret"].notna().all()
+    chosen = pd.read_parquet(here / "run" / "evaluation_plans.parquet")
+    assert len(chosen) == 2 * len(regret), "each plan has two placements"
+    call("resume=run").must_work()
+
+
+@pytest.mark.usefixtures("no_figures")
 def test_a_subset_of_the_tasks(here: Path) -> None:
     call(*TINY, "task=[overhang]", "hydra.run.dir=run").must_work()
     assert set(pd.read_parquet(here / "run" / "regret.parquet")["task"]) == {"overhang"}
