@@ -170,7 +170,7 @@ class Experiment:
             save: Writes the predictor's weights; None: it has none.
         """
         labelled = self.store.count(until=step)
-        chosen = self.evaluator.plan(predictor, step)
+        chosen = self.evaluator.plan(predictor, step, self.store)
         accuracy = self.evaluator.accuracy(predictor, step, labelled)
         self.store.record_evaluation(step, regret_table(chosen, step, labelled), accuracy, chosen, save)
         self.tracker.log(self.evaluation_metrics(step))

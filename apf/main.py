@@ -14,12 +14,13 @@ from omegaconf import DictConfig
 
 from apf.config.messages import check_hydra, describe
 from apf.config.values import config_dir
+from apf.domain import Predictor
 from apf.errors import InputError
 from apf.experiment import Experiment
 from apf.launch.cli import one_line_errors, run_command
 from apf.launch.machine import check_machine, check_weights
 from apf.models import Ensemble, pick_device
-from apf.planning import Evaluator, Learned
+from apf.planning import Evaluator, Learned, Trained
 from apf.planning.objective import must_be_number, optimises, returned
 from apf.report.summary import print_summary, save_figures
 from apf.rundir.claim import CONFIG, WORLD_TABLE, locked
@@ -31,6 +32,7 @@ from apf.rundir.tables import write_table
 from apf.rundir.versions import changed
 from apf.schema import Config, settle
 from apf.tracking import ConsoleTracker, RunInfo, Tracker, Trackers, log_end
+from apf.trained import load_ensemble, with_objects_of
 
 
 @hydra.main(version_base="1.3", config_path=config_dir(), config_name="config")
@@ -52,6 +54,8 @@ def job(cfg: DictConfig) -> float | tuple[float, ...] | None:
         if not resuming or hydra_config.overrides.task:
             raise
         raise InputError(f"{directory / CONFIG}: {error}") from None  # nothing else was typed
+    if isinstance(config.predictor, Trained) and not resuming:
+        config = with_objects_of(config, config.predictor)
     check_machine(config)
     torch.set_num_threads(config.threads)
     model = make_model(cfg, config)
@@ -99,7 +103,7 @@ def run(directory: Path, plain_config: dict[str, Any], config: Config, model: En
             experiment.run()
         elif not store.evaluated(0):
             tracker.plan(0, experiment.evaluator.work())
-            experiment.evaluate(0, config.predictor)
+            experiment.evaluate(0, predictor_of(config))
         tracker.begin(experiment.steps, "writing tables and figures")
         store.export()
         table = config.world.table(store.reports())
@@ -117,6 +121,15 @@ def run(directory: Path, plain_config: dict[str, Any], config: Config, model: En
             world.close()
         store.close()
     print_summary(directory, console.console)
+
+
+def predictor_of(config: Config) -> Predictor:
+    """The predictor of a run that does not learn. Raises InputError if an ensemble is not to be had."""
+    chosen = config.predictor
+    if isinstance(chosen, Trained):
+        return load_ensemble(chosen.run, chosen.step, chosen.odds, config.device)
+    assert isinstance(chosen, Predictor)
+    return chosen
 
 
 def make_model(cfg: DictConfig, config: Config) -> Ensemble:

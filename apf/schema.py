@@ -15,7 +15,7 @@ from apf.domain import Domain, Predictor, Task, World
 from apf.errors import InputError
 from apf.experiment import Acquisition, Execution, Initial
 from apf.models import EnsembleSettings, Training
-from apf.planning import EvaluationSettings, Learned, Planner
+from apf.planning import EvaluationSettings, Learned, Planner, Trained
 from apf.planning.objective import Objective, check_objective
 from apf.settings import Count, Few, Name, Seed, settings
 from apf.tracking import Tracker
@@ -38,7 +38,7 @@ class Config:
     world: World
     task: dict[str, Task]
     planner: Planner
-    predictor: Predictor | Learned
+    predictor: Predictor | Learned | Trained
     tracker: Tracker
     device: Name
     threads: Few

@@ -94,6 +94,16 @@ WRONG = {
         EVALUATION | {"weights": None, "regret": [[1, 2]]},
         f"regret is no rows of {len(REGRET_COLUMNS)} values",
     ),
+    "a reward of other labels": (
+        "reward",
+        {"step": 0, "task": "tallest", "problem": 0, "world": "panda", "plan": PLAN, "labels": "110", "report": {}},
+        "labels are not those of 2 prefixes",
+    ),
+    "a reward of no problem": (
+        "reward",
+        {"step": 0, "task": "tallest", "problem": "x", "world": "panda", "plan": PLAN, "labels": "11", "report": {}},
+        "problem is 'x'",
+    ),
     "chosen plans that are none": ("evaluation", chosen() | {"chosen": {}}, "chosen is no list of plans"),
     "a chosen plan with more in it": ("evaluation", chosen(colour="red"), "a chosen plan is not chances, outcomes"),
     "a chosen plan of something else": ("evaluation", chosen(plan={"pack": [1]}), "a plan is not block"),

@@ -10,7 +10,9 @@ import pytest
 
 PACKAGE = Path(__file__).parents[1] / "apf"
 FLOORS = (
+    ("evaluate",),
     ("main", "label", "relabel", "panda"),
+    ("trained",),
     ("launch",),
     ("schema",),
     ("experiment",),

@@ -1,6 +1,7 @@
 """The store: every method of it, against values worked out by hand, before and after it is opened again."""
 
 import json
+import shutil
 from collections.abc import Callable, Iterator
 from itertools import pairwise
 from pathlib import Path
@@ -462,6 +463,26 @@ class TestEvaluations:
         assert (len(first.plans), len(second.plans)) == (1, 2)
         np.testing.assert_allclose(second.plans.xy, np.repeat(chosen[0].plan.xy, 2, axis=0))
         np.testing.assert_array_equal(first.plans.rotation, chosen[1].plan.rotation)
+
+    def test_what_came_of_a_chosen_plan_is_kept_until_the_evaluation_is_over(self, store: Store) -> None:
+        """Only of worlds that report, and only for the very same plan."""
+        one, other = (store.domain.random_plans(3, 1, np.random.default_rng(seed)) for seed in (0, 1))
+        slow = Outcome(np.array([1, 0, -1], np.int8), {"outcome": "fell"})
+        store.record_outcome(2, "tallest", 1, "panda", one, slow)
+        store.record_outcome(2, "tallest", 1, "noisy", one, Outcome(np.array([1, 1, 1], np.int8)))
+        copy = store.directory.with_name("copy")
+        shutil.copytree(store.directory, copy)
+        again = Store(copy, store.domain)
+        found = again.outcome(2, "tallest", 1, "panda", one)
+        assert found is not None
+        assert (found.labels.tolist(), found.report) == ([1, 0, -1], {"outcome": "fell"})
+        assert again.outcome(2, "tallest", 1, "panda", other) is None
+        for key in ((1, "tallest", 1, "panda"), (2, "overhang", 1, "panda"), (2, "tallest", 0, "panda")):
+            assert again.outcome(*key, one) is None
+        assert again.outcome(2, "tallest", 1, "noisy", one) is None
+        evaluate(again, 2)
+        assert again.outcome(2, "tallest", 1, "panda", one) is None
+        again.close()
 
     def test_tables_are_written_with_each_evaluation(self, filled: Store) -> None:
         assert not any((filled.directory / f"{name}.parquet").exists() for name in TABLES)

@@ -1,7 +1,7 @@
 """Planning with a predictor, and the evaluation of predictors."""
 
 from apf.planning.evaluation import EvaluationSettings, Evaluator, regret_table
-from apf.planning.learned import Learned
+from apf.planning.learned import Learned, Trained
 from apf.planning.monte_carlo import MonteCarloPlanner
 from apf.planning.planner import Choice, Planner, Problem
 from apf.planning.search import SearchPlanner
@@ -15,5 +15,6 @@ __all__ = [
     "Planner",
     "Problem",
     "SearchPlanner",
+    "Trained",
     "regret_table",
 ]

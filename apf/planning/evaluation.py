@@ -2,13 +2,13 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Annotated, Any
+from typing import Annotated, Any, Protocol
 
 import numpy as np
 import pandas as pd
 from pydantic import AfterValidator, Field
 
-from apf.domain import Domain, Predictor, Task, World, carry_out
+from apf.domain import Domain, Outcome, Predictor, Task, World, carry_out
 from apf.planning.planner import Planner, Problem
 from apf.rng import stream
 from apf.rundir.chosen import ChosenPlan
@@ -51,6 +51,35 @@ class EvaluationSettings:
     """Where a chosen plan is executed for its reward, each by a name of its own."""
 
 
+class Kept(Protocol):
+    """Keeps what came of the plans of an evaluation, so that one that was stopped goes on where it was."""
+
+    def outcome(self, step: int, task: str, problem: int, world: str, plan: Any) -> Outcome | None:
+        """What came of this plan before; None: nothing yet.
+
+        Args:
+            step: Of the evaluation.
+            task: Which the plan was chosen for.
+            problem: Its number.
+            world: Where the plan is executed.
+            plan: A batch of one.
+        """
+        ...
+
+    def record_outcome(self, step: int, task: str, problem: int, world: str, plan: Any, outcome: Outcome) -> None:
+        """Keep what came of this plan.
+
+        Args:
+            step: Of the evaluation.
+            task: Which the plan was chosen for.
+            problem: Its number.
+            world: Where the plan was executed.
+            plan: A batch of one.
+            outcome: What came of it.
+        """
+        ...
+
+
 class Evaluator:
     """Evaluates predictors, always on the same problems and the same test plans."""
 
@@ -85,12 +114,13 @@ class Evaluator:
         lengths = len(self.settings.lengths) if self.settings.test_plans else 0
         return {PLANNING: self.settings.problems, TESTING: lengths}
 
-    def plan(self, predictor: Predictor, step: int) -> list[ChosenPlan]:
+    def plan(self, predictor: Predictor, step: int, kept: Kept | None = None) -> list[ChosenPlan]:
         """A plan for each problem and each task, executed once in each world.
 
         Args:
             predictor: Judges the candidates.
             step: Of the run.
+            kept: Keeps what came of plans, and knows what came of some; None: nothing is kept.
         """
         chosen: list[ChosenPlan] = []
         choices = self.planner.choose(self._problems(step), self.tasks, predictor, self.domain)
@@ -100,7 +130,13 @@ class Evaluator:
                 for world_name, world in self.settings.worlds.items():
                     rng = stream(self.settings.seed, f"reward in {world_name}", step, problem, number)
                     what = f"the plan chosen for {name} in problem {problem}"
-                    outcomes[world_name] = carry_out(world, choice.plan, rng, self.time_limit, what)
+                    which = (step, name, problem, world_name, choice.plan)
+                    outcome = kept.outcome(*which) if kept else None
+                    if outcome is None:
+                        outcome = carry_out(world, choice.plan, rng, self.time_limit, what)
+                        if kept:
+                            kept.record_outcome(*which, outcome)
+                    outcomes[world_name] = outcome
                 references = self._best_values[problem][name], self._search_values[problem][name]
                 chance = np.array([choice.chance])
                 chosen.append(ChosenPlan(name, problem, choice.plan, choice.value, chance, *references, outcomes))

@@ -6,16 +6,20 @@ from typing import Any, Protocol
 from apf.rundir.chosen import check_chosen
 from apf.rundir.columns import ACCURACY_COLUMNS, REGRET_COLUMNS
 from apf.rundir.journal import Record
-from apf.rundir.labels import LABELS
+from apf.rundir.labels import LABELS, labels_of
 
 KINDS = {
     "plans": ("step", "plans"),
     "label": ("plan", "labels"),
     "correction": ("plan", "old", "labels", "reason"),
     "training": ("step", "losses"),
+    "reward": ("step", "task", "problem", "world", "plan", "labels", "report"),
     "evaluation": ("step", "regret", "accuracy", "chosen", "weights"),
 }
 """What each kind of record holds, besides when it was written."""
+
+NUMBERS = {"reward": ("step", "problem")}
+"""Which of these are numbers from 0; of other kinds step and plan."""
 
 
 class Proposed(Protocol):
@@ -44,12 +48,16 @@ def check(record: Record, proposed: Sequence[Proposed], length_of: LengthOf) -> 
     if missing:
         raise ValueError(f"{missing[0]} is missing")
     for name in KINDS[kind]:
-        if name in ("step", "plan") and not (type(record[name]) is int and record[name] >= 0):
+        if name in NUMBERS.get(kind, ("step", "plan")) and not (type(record[name]) is int and record[name] >= 0):
             raise ValueError(f"{name} is {record[name]!r}, which is no number from 0")
     if kind == "plans":
         _check_plans(record["plans"], length_of)
     elif kind in ("label", "correction"):
         _check_labels(record, proposed, length_of)
+    elif kind == "reward":
+        length = length_of(record["plan"])
+        if len(labels_of(record["labels"])) != length:
+            raise ValueError(f"labels are not those of {length} prefixes")
     elif kind == "training":
         losses = record["losses"]
         if not isinstance(losses, dict) or not all(isinstance(loss, int | float) for loss in losses.values()):

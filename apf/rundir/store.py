@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from apf.domain import UNOBSERVED, Domain, Labelled, Scored
+from apf.domain import UNOBSERVED, Domain, Labelled, Outcome, Scored
 from apf.errors import InputError
 from apf.rundir.chosen import ChosenPlan, chosen_table
 from apf.rundir.claim import STATE
@@ -98,6 +98,8 @@ class Store:
         """Labelled plans when the tables were last written."""
         self._trainings: dict[int, dict[str, float]] = {}
         self._evaluations: dict[int, Record] = {}
+        self._rewards: dict[tuple[int, str, int, str], Record] = {}
+        """Of evaluations that are not over, by step, task, problem and world."""
         for number, record in enumerate(self.journal.records, HEADER + 1):
             try:
                 check(record, self._proposed, domain.encoded_length)
@@ -131,8 +133,11 @@ class Store:
                 self._correct(self._proposed[record["plan"]], record["labels"])
             case "training":
                 self._trainings[record["step"]] = record["losses"]
+            case "reward":
+                self._rewards[_key(record)] = record
             case "evaluation":
                 self._evaluations[record["step"]] = record
+                self._rewards = {key: reward for key, reward in self._rewards.items() if key[0] != record["step"]}
 
     def _label(self, proposal: Proposal, labels: str, report: dict[str, Any] | None) -> None:
         proposal.labels, proposal.report = labels, report
@@ -148,6 +153,7 @@ class Store:
         self.corrections += 1
         proposal.labels, proposal.corrected = labels, True
         self._batches.clear()
+        self._rewards.clear()
         for other in self._proposed:
             other.outdated |= other.step > proposal.step and other.score is not None
         for learned in (self._trainings, self._evaluations):
@@ -273,6 +279,37 @@ class Store:
         done = self._evaluations.get(step)
         return done is not None and (done["weights"] is None or done["weights"] == checksum(self.weights(step)))
 
+    def outcome(self, step: int, task: str, problem: int, world: str, plan: Any) -> Outcome | None:
+        """What came of a chosen plan in an evaluation that was stopped; None: it was not executed yet.
+
+        Args:
+            step: Of the evaluation.
+            task: Which the plan was chosen for.
+            problem: Its number.
+            world: Where the plan is executed.
+            plan: A batch of one. Another plan than the one that was executed has no outcome.
+        """
+        kept = self._rewards.get((step, task, problem, world))
+        if kept is None or kept["plan"] != self.domain.encode(plan)[0]:
+            return None
+        return Outcome(labels_of(kept["labels"]), kept["report"])
+
+    def record_outcome(self, step: int, task: str, problem: int, world: str, plan: Any, outcome: Outcome) -> None:
+        """Make durable what came of a chosen plan, if the world reported on it: such a world is slow.
+
+        Args:
+            step: Of the evaluation.
+            task: Which the plan was chosen for.
+            problem: Its number.
+            world: Where the plan was executed.
+            plan: A batch of one.
+            outcome: What came of it.
+        """
+        if outcome.report is None:
+            return
+        kept = {"plan": self.domain.encode(plan)[0], "labels": symbols_of(outcome.labels), "report": outcome.report}
+        self._append("reward", step=step, task=task, problem=problem, world=world, **kept)
+
     def record_evaluation(
         self,
         step: int,
@@ -368,3 +405,8 @@ class Store:
         for name, table in tables.items():
             write_table(table, self.directory / f"{name}.parquet")
         self._exported = len(self._labelled)
+
+
+def _key(reward: Record) -> tuple[int, str, int, str]:
+    """Which execution of an evaluation a record is about."""
+    return reward["step"], reward["task"], reward["problem"], reward["world"]

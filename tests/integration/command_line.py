@@ -12,6 +12,7 @@ from importlib import import_module
 from pathlib import Path
 from unittest import mock
 
+import apf.evaluate
 import apf.label
 import apf.main
 import apf.relabel
@@ -22,6 +23,7 @@ ANALYSIS = REPOSITORY / "analysis"
 
 MAINS = {
     "apf.main": apf.main.main,
+    "apf.evaluate": apf.evaluate.main,
     "apf.label": apf.label.main,
     "apf.relabel": apf.relabel.main,
     "apf.panda.show": lambda: import_module("apf.panda.show").main(),
