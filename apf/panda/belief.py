@@ -137,7 +137,7 @@ class Belief(Scene):
             i
             for i, other in enumerate(self.bodies)
             if i != block
-            and any(point[8] < clearance for point in self.client.getClosestPoints(body, other, clearance))
+            and any(point[8] < clearance for point in self.client.getClosestPoints(body, other, max(clearance, 0.0)))
         ]
         self.put(block, self.thought[block])
         return found

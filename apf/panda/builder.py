@@ -10,7 +10,7 @@ from apf.panda.accounting import BUILD, DONE, INTERVENTION, TIDY, Entry
 from apf.panda.geometry import angle, distance, pose
 from apf.panda.hardware import Person
 from apf.panda.layout import Layout
-from apf.panda.robot import IN_VAIN, NO_PLAN, Robot
+from apf.panda.robot import GONE, IN_VAIN, NO_PLAN, NOT_THERE, Robot
 from apf.panda.settings import Judging, Recovery
 from apf.towers import ROTATIONS, Towers
 
@@ -101,7 +101,8 @@ class Builder:
         """
         unplanned, block, lost = 0, int(blocks[i]), False
         for attempt in range(self.recovery.attempts):
-            self.robot.look()
+            if attempt:
+                self.robot.look()
             if not self._all_stand(blocks, goals, i):
                 return FELL, WHILE_WORKING if attempt else BEFORE_NEXT
             outcome = self.robot.bring(block, goals[i], BUILD, lambda: self._may_go_on(blocks, goals, i))
@@ -109,7 +110,7 @@ class Builder:
                 return DONE, None
             if outcome == IN_VAIN:
                 return FELL, WHILE_WORKING if attempt else WHILE_CARRYING
-            if outcome in NO_PLAN and lost:
+            if outcome == NOT_THERE or (outcome in NO_PLAN and lost):
                 self._by_hand(block, self._cause(block))
             unplanned += outcome in NO_PLAN
             lost = outcome not in NO_PLAN
@@ -129,8 +130,6 @@ class Builder:
         if not seen:
             robot.rest()
             seen = bool(robot.look()[block])
-        else:
-            robot.look()
         placement = robot.account.entries[-1]
         if seen and self._is_at(block, goals[i]) and self._all_stand(blocks, goals, i):
             return None
@@ -161,13 +160,28 @@ class Builder:
                     self._by_hand(int(block), self._cause(int(block)))
             away = np.flatnonzero(~self._at_home())
             if not len(away):
-                break
+                missing = self._missing()
+                if missing is None:
+                    return
+                self._by_hand(missing, NOT_THERE)
+                continue
             worn = [int(block) for block in away if tries[block] >= self.recovery.tries]
             if worn:
                 self._by_hand(worn[0], self._cause(worn[0]))
             else:
                 self._one_block(away, tries)
+
+    def _missing(self) -> int | None:
+        """Go to rest, and look for a block that is believed to be at home and is not; None: there is none.
+
+        A block that no camera beside the table sees is looked for with the camera on the hand.
+        """
         self.robot.rest()
+        hidden = np.flatnonzero(~self.robot.look())
+        missing = next((int(block) for block in hidden if not self.robot.visit(int(block))), None)
+        if len(hidden):
+            self.robot.rest()
+        return missing
 
     def _one_block(self, away: np.ndarray, tries: np.ndarray) -> None:
         """Move one block, the highest first: to its home if that is free and a plan is found, else to a spare place."""
@@ -175,17 +189,24 @@ class Builder:
         for block in order:
             if self.robot.belief.fits(block, self.homes[block], ROOM):
                 tries[block] += 1
-                if self.robot.bring(block, self.homes[block], TIDY) not in NO_PLAN:
+                if self._bring(block, self.homes[block]) not in NO_PLAN:
                     return
         for block in order:
             spare = self._spare(block)
             taken = not self.robot.belief.fits(block, self.homes[block], ROOM)
             if spare is not None and taken:
                 tries[block] += 1
-                if self.robot.bring(block, spare, TIDY) not in NO_PLAN:
+                if self._bring(block, spare) not in NO_PLAN:
                     return
         for block in order:
             tries[block] += 1
+
+    def _bring(self, block: int, where: np.ndarray) -> str:
+        """Bring a block to a pose [4, 4] and see how it lies there; the outcome."""
+        outcome = self.robot.bring(block, where, TIDY)
+        if outcome == DONE:
+            self.robot.examine(block)
+        return outcome
 
     def _spare(self, block: int) -> np.ndarray | None:
         """[4, 4] pose in the first spare place that has room for a block; None: no place has room."""
@@ -220,7 +241,7 @@ class Builder:
         x, y, _ = place = self.robot.belief.thought[block, :3, 3]
         attempts = [entry for entry in self.robot.account.entries if entry.block == self.names[block]]
         if not self.layout.holds(place):
-            return "off the table"
+            return NOT_THERE if place[2] <= GONE[2, 3] else "off the table"
         if np.hypot(x, y) > 0.75:
             return "out of reach"
         return attempts[-1].outcome if attempts and attempts[-1].outcome != DONE else "jammed"

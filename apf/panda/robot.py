@@ -11,7 +11,7 @@ import numpy as np
 
 from apf.panda.accounting import Account, Entry
 from apf.panda.belief import Belief
-from apf.panda.geometry import angle, distance, inverse, moved
+from apf.panda.geometry import angle, distance, inverse, moved, pose
 from apf.panda.hardware import Hardware, Refused, Witness
 from apf.panda.kinematics import REST, forward, straight
 from apf.panda.motion import find_motion
@@ -26,6 +26,10 @@ NO_PLAN = ("no grasp", "no motion")
 """Outcomes that mean that the planner found no solution."""
 IN_VAIN = "in vain"
 """Outcome of a block that was not put down, since what it belongs on had fallen."""
+NOT_THERE = "not seen"
+"""Outcome of a block that no camera sees where it is believed to be."""
+GONE = pose((0.0, 0.0, -1.0))
+"""[4, 4] where a block is believed to be of which nothing else is known: under the table."""
 SHIFTED = 0.001
 """A block that is seen so much off [m] is approached by a straight line of its own."""
 
@@ -70,7 +74,8 @@ class Robot:
         """Look with some cameras, and believe what they see.
 
         A block whose markers are seen where they should be has not moved: what was known of it, maybe from the camera
-        on the hand, is better than what is seen from afar. A block that nobody sees is where it was.
+        on the hand, is better than what is seen from afar. A block that nobody sees is where it was, unless another
+        block is seen there: then it is gone.
 
         Returns:
             [B] bool: is each block seen?
@@ -82,7 +87,17 @@ class Robot:
         poses[new] = seen.poses[new]
         if new.any():
             self.belief.update(poses)
+            self._displace(seen.seen)
         return seen.seen
+
+    def _displace(self, seen: np.ndarray) -> None:
+        """Believe that a block which is not seen is gone if one that is seen [B] bool lies in its place."""
+        poses = self.belief.thought.copy()
+        for block in np.flatnonzero(~seen):
+            others = self.belief.in_the_way(int(block), poses[block], -self.sight.overlap)
+            if any(seen[other] for other in others):
+                poses[block] = GONE
+        self.belief.update(poses)
 
     def look_closely(self, block: int) -> np.ndarray | None:
         """[4, 4] where the camera on the hand sees a block; None: it does not see it."""
@@ -97,6 +112,17 @@ class Robot:
             return bool(self.look()[block])
         self._believe(block, where)
         return True
+
+    def visit(self, block: int) -> bool:
+        """Bring the empty hand before a block, as if to grasp it, and look. Is the block there?"""
+        try:
+            where = self.belief.thought[block]
+            first = self.planner.plan(block, where, self.hardware.joints(), self.rng)[0]
+        except NoPlan:
+            return False
+        assert first.path is not None
+        self.hardware.follow(first.path[1:], self.arm.speed)
+        return self.examine(block)
 
     def _places(self) -> dict[str, np.ndarray]:
         """[4, 4] of each camera's optical frame, as far as the robot knows."""
@@ -115,7 +141,8 @@ class Robot:
     def bring(self, block: int, goal: np.ndarray, purpose: str, may_go_on: Callable[[], bool] = lambda: True) -> str:
         """One attempt to bring a block to a pose [4, 4]: plan, act. Returns the outcome, as the account has it.
 
-        The gripper is empty and the arm away from the blocks afterwards.
+        The gripper is empty afterwards, and the arm before the block or away from it. A block that was put down is
+        believed to be where it should be until it is examined.
 
         Args:
             block: Its number.
@@ -133,7 +160,6 @@ class Robot:
             entry.regrasps = sum(step.action == "regrasp" for step in steps)
             for step in steps:
                 self._perform(step, may_go_on)
-            self.examine(block)
             if self.witness is not None:
                 placed = self.witness(block)
                 entry.error, entry.turn = distance(placed, goal), angle(placed, goal)
@@ -174,6 +200,8 @@ class Robot:
         block, careful = station.held.block, self.arm.careful
         expected = forward(station.q) @ station.held.pose
         where = self.look_closely(block)
+        if where is None and not self.look()[block]:
+            raise Lost(NOT_THERE)
         if where is not None:
             off = distance(where, expected)
             if off > self.sight.refine or angle(where, expected) > np.deg2rad(self.sight.refine_turn):

@@ -84,13 +84,19 @@ def test_values_given_win_over_what_the_world_needs() -> None:
 def test_the_config_says_what_the_classes_do() -> None:
     values = yaml.safe_load((CONF / "world" / "panda.yaml").read_text())
     world = PandaWorld()
-    for group in ("layout", "physics", "arm", "gripper", "reach", "motion", "search", "sight", "handling", "judging"):
+    for group in ("layout", "arm", "gripper", "reach", "motion", "search", "sight", "handling", "judging"):
         part = getattr(world, group)
         for key, value in values[group].items():
             default = getattr(part, key)
             assert value == (list(default) if isinstance(default, tuple) else default), f"{group}.{key}"
         assert set(values[group]) == set(part.__dataclass_fields__), group
-    assert set(values) - {"_target_", "initial"} == set(world.__dataclass_fields__) - {"initial", "_open"}
+    rest = {"initial", "cameras"}
+    assert set(values) - {"_target_", "defaults", *rest} == set(world.__dataclass_fields__) - {
+        "_open",
+        "reality",
+        "flaws",
+        *rest,
+    }
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""A robot world with exact eyes, and one with the configured ones; made once for all tests of a worker."""
+"""A robot without flaws, and one as configured; made once for all tests of a worker."""
 
 from collections.abc import Callable, Iterator
 
@@ -8,25 +8,25 @@ import pytest
 from apf.panda import PandaWorld
 from apf.panda.belief import Belief
 from apf.panda.builder import Builder
+from apf.panda.flaws import Flaws
 from apf.panda.layout import Layout
-from apf.panda.settings import Sight
 from apf.towers import BlockSet
 
-EXACT = Sight(position=0.0, rotation=0.0)
+CALIBRATED = Flaws(hand_eye=0.0008, hand_eye_turn=0.15, static=0.001, static_turn=0.06)
 
 
 @pytest.fixture(scope="session")
 def world() -> Iterator[PandaWorld]:
-    """As configured by default."""
-    world = PandaWorld()
+    """Calibrated, as configured by default."""
+    world = PandaWorld(flaws=CALIBRATED)
     yield world
     world.close()
 
 
 @pytest.fixture(scope="session")
 def exact_world() -> Iterator[PandaWorld]:
-    """Exact pose estimates."""
-    world = PandaWorld(sight=EXACT)
+    """Without flaws."""
+    world = PandaWorld()
     yield world
     world.close()
 
@@ -45,8 +45,9 @@ def scene(world: PandaWorld, graspable: BlockSet) -> Callable[[np.ndarray], Buil
     """`scene(poses)`: the robot before blocks at these poses, after they have come to lie."""
 
     def scene(poses: np.ndarray) -> Builder:
-        world.builder.robot.begin(graspable, poses, np.random.default_rng(0))
-        world.builder.robot.reality.wait(1.0)
+        world.simulated.begin(graspable, poses, np.random.default_rng(1))
+        world.builder.robot.begin(graspable, np.random.default_rng(0))
+        world.simulated.wait(1.0)
         return world.builder
 
     return scene

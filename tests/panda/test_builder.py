@@ -19,11 +19,14 @@ Scene = Callable[[np.ndarray], Builder]
 
 def must_be_home(builder: Builder) -> None:
     """Fails unless every block really is where it is stored, upright, and the arm is empty and away from all."""
-    for name, where, home in zip(builder.names, builder.robot.reality.poses(), builder.homes):
+    assert builder.robot.witness is not None
+    for name, where, home in zip(
+        builder.names, [builder.robot.witness(b) for b in range(len(builder.names))], builder.homes
+    ):
         assert distance(where, home) < 0.017, name
         assert angle(where, home) < np.deg2rad(9), name
-    assert builder.robot.reality.width() > 0.079
-    assert not builder.robot.belief.touched(builder.robot.reality.joints(), 0.01)
+    assert builder.robot.hardware.width() > 0.079
+    assert not builder.robot.belief.touched(builder.robot.hardware.joints(), 0.01)
 
 
 def helped(builder: Builder) -> list[str]:
@@ -31,6 +34,7 @@ def helped(builder: Builder) -> list[str]:
     return [entry.outcome for entry in builder.robot.account.entries if entry.purpose == INTERVENTION]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_jumble_is_cleared_up(kind: str, scene: Scene, graspable: BlockSet) -> None:
     builder = scene(jumble(kind, graspable, 0))
@@ -56,9 +60,7 @@ def test_where_all_are_home_nothing_is_done(scene: Scene, graspable: BlockSet, w
     must_be_home(builder)
 
 
-@pytest.mark.parametrize(
-    ("x", "y", "z", "cause"), [(1.5, 0.0, -0.7, "off the table"), (0.9, 0.6, 0.03, "out of reach")]
-)
+@pytest.mark.parametrize(("x", "y", "z", "cause"), [(1.5, 0.0, -0.7, "not seen"), (0.3, 0.92, 0.03, "out of reach")])
 def test_what_cannot_be_fetched_is_put_home_and_counted(
     x: float, y: float, z: float, cause: str, scene: Scene, graspable: BlockSet, world: PandaWorld
 ) -> None:
@@ -77,7 +79,7 @@ def test_a_block_by_hand_makes_room_at_its_home(scene: Scene, graspable: BlockSe
     builder = scene(poses)
     builder.tidy()
     must_be_home(builder)
-    assert helped(builder) == ["off the table"]
+    assert helped(builder) == ["not seen"]
 
 
 def test_stop_stops(graspable: BlockSet) -> None:
@@ -104,10 +106,10 @@ def test_a_dropped_block_is_fetched_again(
 ) -> None:
     """The hand opens by mistake while it carries the first block."""
     builder = exact_world.builder
-    reality = builder.robot.reality
+    reality = exact_world.simulated
     follow, slips = reality.follow, iter([False, False, False, True])
 
-    def clumsy(path: np.ndarray, speed: float | None = None) -> None:
+    def clumsy(path: np.ndarray, speed: float) -> None:
         follow(path, speed)
         if next(slips, False):
             reality.release()

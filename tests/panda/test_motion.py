@@ -11,7 +11,7 @@ from apf.panda.grasps import Gripper, grasps_of
 from apf.panda.kinematics import REST, forward, inverse_kinematics
 from apf.panda.motion import MotionSettings, between, find_motion
 from apf.panda.planner import NoPlan, Planner, Search
-from apf.panda.reality import trapezoid
+from apf.panda.reality.profile import trapezoid
 from apf.panda.stations import Reach, posture
 from apf.towers import ROTATIONS, BlockSet
 

@@ -70,10 +70,10 @@ def test_a_world_begins_where_the_last_plan_ended(world: PandaWorld, graspable: 
     home = world.layout.home_poses(graspable.dims)
     for name, where in zip(graspable.name, home):
         poses[name][:3] = (where[:3, 3] + [0.004, 0, 0]).tolist()
-    started = world._poses(graspable, {"blocks": poses})
+    started = world._poses(graspable, {"blocks": poses}, "blocks")
     np.testing.assert_allclose(started[:, :3, 3], home[:, :3, 3] + [0.004, 0, 0])
     other = BlockSet(tuple("wxyz"), graspable.dims, graspable.com, graspable.mass)
-    np.testing.assert_array_equal(world._poses(other, {"blocks": poses}), home)
+    np.testing.assert_array_equal(world._poses(other, {"blocks": poses}, "blocks"), home)
 
 
 def test_many_towers_at_once(exact_world: PandaWorld, good: Towers) -> None:
