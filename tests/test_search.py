@@ -3,19 +3,21 @@
 import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import reduce
+from functools import partial, reduce
 from typing import Any
 
 import numpy as np
 import pytest
+import torch
 from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
 import apf.packing
 import apf.towers
-from apf.domain import Domain, Predictor, Task
+from apf.domain import Domain, Kind, Labelled, Predictor, Task
 from apf.domain.variation import another, swapped
+from apf.models import TGN, Ensemble, EnsembleSettings, Training
 from apf.planning import Problem, SearchPlanner
 from apf.planning.search import Judged, Rule
 from apf.rng import stream
@@ -245,6 +247,26 @@ def test_it_beats_many_times_as_many_random_plans(name: str) -> None:
         assert all(choice.chance == 1.0 and domain.feasible(choice.plan)[0] for choice in found)
         assert np.mean([choice.value for choice in found]) > 0.99 * np.mean(best)
     assert sum(choice[task_name].value for choice in chosen) > sum(best), "the last task is not all about objects"
+
+
+@pytest.mark.parametrize("kind", Kind)
+def test_with_networks_a_plan_is_the_same_however_many_problems_there_are(kind: Kind) -> None:
+    """Networks round as the batch has it. Problems are searched one by one, so the plans are equal bit for bit."""
+    domain = apf.towers.TowerDomain()
+    settings = EnsembleSettings(members=3, network=partial(TGN, hidden=8))
+    judge = Ensemble(settings, kind, domain, Training(updates=20), torch.device("cpu"), odds=1.5)
+    plans = domain.random_plans(3, 100, stream(0, "plans"))
+    judge.fit([Labelled(plans, apf.towers.AnalyticWorld().execute(plans, stream(0, "world")))], [], stream(0, "fit"))
+    tasks: dict[str, Task] = {"tallest": apf.towers.Tallest(), "overhang": apf.towers.Overhang()}
+    starts = [domain.problem(3, 200, stream(0, "problem", number)) for number in range(3)]
+    searcher = planner(candidates=200, start=200, generations=5)
+    together = choose(searcher, starts, tasks, judge, domain)
+    for n in (1, 3):
+        for one, other in zip(together, choose(searcher, starts[:n], tasks, judge, domain), strict=False):
+            for name in tasks:
+                assert domain.encode(one[name].plan) == domain.encode(other[name].plan)
+                assert one[name].chance == other[name].chance
+                assert one[name].chance == judge.with_odds(1.0).feasibility(one[name].plan)[0]
 
 
 @pytest.mark.parametrize("wrong", [{"start": 0}, {"generations": 0}, {"children": 0}, {"parents": 0}, {"odds": 0}])

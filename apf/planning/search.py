@@ -59,7 +59,7 @@ class Rule(Predictor):
 class SearchPlanner(Planner):
     """argmax of P(phi = 1 | a) V(a), by local search from random plans."""
 
-    odds: Odds | None = 1.0
+    odds: Odds = 1.0
     start: Count = 1000
     """Random plans that the search starts from."""
     generations: Count = 30
