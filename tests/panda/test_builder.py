@@ -60,9 +60,7 @@ def test_where_all_are_home_nothing_is_done(scene: Scene, graspable: BlockSet, w
     must_be_home(builder)
 
 
-@pytest.mark.parametrize(
-    ("x", "y", "z", "cause"), [(1.5, 0.0, -0.7, "not seen"), (0.3, 0.92, 0.03, "out of reach")]
-)
+@pytest.mark.parametrize(("x", "y", "z", "cause"), [(1.5, 0.0, -0.7, "not seen"), (0.3, 0.92, 0.03, "out of reach")])
 def test_what_cannot_be_fetched_is_put_home_and_counted(
     x: float, y: float, z: float, cause: str, scene: Scene, graspable: BlockSet, world: PandaWorld
 ) -> None:

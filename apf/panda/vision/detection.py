@@ -45,7 +45,13 @@ def detect(image: np.ndarray, blocks: int) -> list[Detection]:
 
 
 def drawn(image: np.ndarray, detections: list[Detection], names: tuple[str, ...]) -> np.ndarray:
-    """[H, W, 3] uint8: an image [H, W] with the markers that were found in it, and the names of their blocks."""
+    """[H, W, 3] uint8: an image with the markers that were found in it.
+
+    Args:
+        image: [H, W] uint8.
+        detections: The markers.
+        names: Of all blocks.
+    """
     picture = cv2.cvtColor(image, cv2.COLOR_GRAY2RGB)
     for each in detections:
         cv2.polylines(picture, [np.round(each.corners).astype(np.int32)], True, (0, 160, 0), 2, cv2.LINE_AA)
