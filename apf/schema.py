@@ -114,14 +114,16 @@ def check_together(config: Config) -> None:
 
 def _check_domain(config: Config) -> None:
     """Raises InputError, naming the key, for a part that is for the plans of another domain."""
-    parts: dict[str, World | Task | Predictor | Learned] = {"world": config.world, "predictor": config.predictor}
+    parts: dict[str, Any] = {"world": config.world, "predictor": config.predictor}
+    parts["model"] = getattr(config.model.network, "func", config.model.network)  # the class, to be called later
     parts |= {f"evaluation.worlds.{name}": world for name, world in config.evaluation.worlds.items()}
     parts |= {f"task.{name}": task for name, task in config.task.items()}
     for key, part in parts.items():
         domain = getattr(part, "for_domain", None)
         if domain is not None and not isinstance(config.domain, domain):
+            name = part.__name__ if isinstance(part, type) else type(part).__name__
             raise InputError(
-                f"{key} is {type(part).__name__}, which is for {domain.__name__}; domain is "
+                f"{key} is {name}, which is for {domain.__name__}; domain is "
                 f"{type(config.domain).__name__}: choose another of the group {key.split('.')[0]}, or another domain"
             )
 

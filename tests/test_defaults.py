@@ -25,7 +25,7 @@ CHOICES = [
     *([f"sampler={path.stem}"] for path in sorted((CONF / "sampler").glob("*.yaml"))),
     *([f"model={path.stem}"] for path in sorted((CONF / "model").glob("*.yaml"))),
     *([f"predictor={name}"] for name in ("learned", "analytic", "simulation")),
-    ["world=panda"],
+    *(["world=panda", "world/flaws=exact", f"world/reality={name}"] for name in ("bullet", "mujoco")),
     *([f"domain={name}", "predictor=simulation"] for name in ("towers", "packing")),
 ]
 SETS = ("apf.packing.sources.BoxSource", "apf.towers.sources.BlockSource")

@@ -25,12 +25,14 @@ from apf.models import (
 from apf.models import training as training_module
 from apf.models.replay import Replayed
 from apf.planning import MonteCarloPlanner
+from apf.towers.contact import ContactTGN
 from benchmarks import gpu
 from benchmarks.setting import QUICK, Setting
 from benchmarks.timing import measure
 
 NETWORKS = {
     "tgn": partial(TGN, hidden=8),
+    "tgn_contact": partial(ContactTGN, hidden=8),
     "fcgn": partial(FCGN, hidden=8),
     "lstm": partial(LSTMNetwork, hidden=8, layers=3),
 }
@@ -135,7 +137,9 @@ class TestReplayed:
                 replayed(0, torch.ones(2))
 
 
-@pytest.mark.parametrize(("model", "stopped_early"), [("tgn", True), ("tgn", False), ("fcgn", True), ("lstm", True)])
+@pytest.mark.parametrize(
+    ("model", "stopped_early"), [("tgn", True), ("tgn", False), ("tgn_contact", False), ("fcgn", True), ("lstm", True)]
+)
 def test_updates_that_are_replayed_are_the_same_updates(
     setting: Setting, model: str, stopped_early: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:

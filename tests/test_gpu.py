@@ -20,7 +20,7 @@ pytestmark = [
     pytest.mark.gpu,
     pytest.mark.skipif(not torch.cuda.is_available(), reason="there is no GPU"),
 ]
-MODELS = ("tgn", "fcgn", "lstm")
+MODELS = ("tgn", "tgn_contact", "fcgn", "lstm")
 
 
 @pytest.fixture(scope="module")

@@ -10,10 +10,12 @@ from apf.models import FCGN, TGN, EnsembleLinear, EnsembleNetwork, LSTMNetwork
 from apf.models.graph import PlacementConv, prefix_graph
 from apf.models.kernels import passes_of
 from apf.models.passes import Passes
+from apf.towers.contact import ContactTGN
 
 MEMBERS, F, D, H = 3, 10, 3, 8
 NETWORKS = {
     "tgn": TGN,
+    "tgn_contact": ContactTGN,
     "fcgn": FCGN,
     "lstm": partial(LSTMNetwork, layers=3),
 }
@@ -68,7 +70,7 @@ def test_initial_weights_depend_on_the_members_own_generator_alone(name: str) ->
         assert not torch.equal(a[0], a[1])
 
 
-@pytest.mark.parametrize("name", ["tgn", "fcgn"])
+@pytest.mark.parametrize("name", ["tgn", "tgn_contact", "fcgn"])
 def test_graph_networks_see_positions_as_differences(name: str) -> None:
     network, x = make(name), torch.randn(MEMBERS, 4, 5, F)
     moved = x.clone()

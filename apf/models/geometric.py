@@ -7,5 +7,6 @@ with warnings.catch_warnings():
     warnings.simplefilter("ignore", DeprecationWarning)
     from torch_geometric.nn.aggr import MeanAggregation
     from torch_geometric.nn.conv import MessagePassing
+    from torch_geometric.typing import OptTensor
 
-__all__ = ["MeanAggregation", "MessagePassing"]
+__all__ = ["MeanAggregation", "MessagePassing", "OptTensor"]

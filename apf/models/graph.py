@@ -2,33 +2,35 @@
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import ClassVar
 
 import torch
 from pydantic import PositiveInt, validate_call
 from torch import Tensor, nn
 
-from apf.models.geometric import MeanAggregation, MessagePassing
+from apf.models.geometric import MeanAggregation, MessagePassing, OptTensor
 from apf.models.layers import EnsembleLinear, EnsembleNetwork
 from apf.settings import Few, Width
 
 
 class PlacementConv(MessagePassing):
-    """x_i' = ReLU(W [sum_j m(x_j, x_i, p_j - p_i), x_i] + b): messages from placements j to i, summed, and an update.
+    """x_i' = ReLU(W [sum_j m(x_j, x_i, p_j - p_i, e_ij), x_i] + b): messages from placements j to i, and an update.
 
     The message m is a network of three layers. Positions p count as differences only, so a plan is the same
-    wherever it stands.
+    wherever it stands. TGN and FCGN have no features e of a pair; a sub-class of `GraphNetwork` may have some.
 
     Args:
         members: E, the number of members.
         n_own: F, the number of features x of a placement without its position.
         n_position: D, the number of coordinates of a position p.
         hidden: H, the width of every layer.
+        n_pair: P, the number of features e of a pair of placements.
     """
 
-    def __init__(self, members: int, n_own: int, n_position: int, hidden: int) -> None:
+    def __init__(self, members: int, n_own: int, n_position: int, hidden: int, n_pair: int = 0) -> None:
         super().__init__(aggr="sum", node_dim=-3)
         self.message_net = nn.Sequential(
-            EnsembleLinear(members, 2 * n_own + n_position, hidden),
+            EnsembleLinear(members, 2 * n_own + n_position + n_pair, hidden),
             nn.ReLU(),
             EnsembleLinear(members, hidden, hidden),
             nn.ReLU(),
@@ -36,20 +38,21 @@ class PlacementConv(MessagePassing):
         )
         self.update_net = nn.Sequential(EnsembleLinear(members, hidden + n_own, hidden), nn.ReLU())
 
-    def forward(self, x: Tensor, position: Tensor, edge_index: Tensor) -> Tensor:
+    def forward(self, x: Tensor, position: Tensor, edge_index: Tensor, edge_attr: OptTensor = None) -> Tensor:
         """Pass messages once.
 
         Args:
             x: [E, V, N, F] features of V nodes in N plans.
             position: [E, V, N, D] their positions.
             edge_index: [2, A] source and target of each edge.
+            edge_attr: [E, A, N, P] features of each edge's pair of placements; None if P is 0.
 
         Returns:
             [E, V, N, H] new features of the nodes.
         """
-        return self.propagate(edge_index, x=x, position=position)
+        return self.propagate(edge_index, x=x, position=position, edge_attr=edge_attr)
 
-    def message(self, x_i: Tensor, x_j: Tensor, position_i: Tensor, position_j: Tensor) -> Tensor:
+    def message(self, x_i: Tensor, x_j: Tensor, position_i: Tensor, position_j: Tensor, edge_attr: OptTensor) -> Tensor:
         """Features and positions of the edges' targets i and sources j [E, A, N, F or D] -> messages [E, A, N, H].
 
         Args:
@@ -57,8 +60,10 @@ class PlacementConv(MessagePassing):
             x_j: [E, A, N, F] features of the sources.
             position_i: [E, A, N, D] positions of the targets.
             position_j: [E, A, N, D] positions of the sources.
+            edge_attr: [E, A, N, P] features of the pairs; None if P is 0.
         """
-        return self.message_net(torch.cat([x_j, x_i, position_j - position_i], -1))
+        of_pair = [] if edge_attr is None else [edge_attr]
+        return self.message_net(torch.cat([x_j, x_i, position_j - position_i, *of_pair], -1))
 
     def update(self, aggregated: Tensor, x: Tensor) -> Tensor:
         """Sums of messages [E, V, N, H], features [E, V, N, F] -> new features [E, V, N, H]."""
@@ -102,16 +107,21 @@ def prefix_graph(length: int, both_ways: bool, last_only: bool, device: torch.de
 
 
 class GraphNetwork(EnsembleNetwork):
-    """One round of messages within each prefix, the mean over its placements, a readout of two layers."""
+    """One round of messages within each prefix, the mean over its placements, a readout of two layers.
+
+    A sub-class gives messages further prior knowledge by `n_pair` and `pair_features`.
+    """
 
     both_ways: bool
+    n_pair: ClassVar[int] = 0
+    """P: how many features `pair_features` computes of each pair of placements."""
 
     @validate_call
     def __init__(self, *, members: Few, n_features: PositiveInt, n_position: PositiveInt, hidden: Width) -> None:
         super().__init__()
         n_own = n_features - n_position
         self.sizes = [n_own, n_position]
-        self.conv = PlacementConv(members, n_own, n_position, hidden)
+        self.conv = PlacementConv(members, n_own, n_position, hidden, self.n_pair)
         self.pool = MeanAggregation()
         self.readout = nn.Sequential(
             EnsembleLinear(members, hidden, hidden), nn.ReLU(), EnsembleLinear(members, hidden, 1)
@@ -120,10 +130,26 @@ class GraphNetwork(EnsembleNetwork):
     def forward(self, x: Tensor, last_only: bool = False) -> Tensor:
         """[E, N, K, F] -> [E, N, K - 1], or [E, N, 1] if `last_only`; see `EnsembleNetwork.forward`."""
         graph = prefix_graph(x.shape[2], self.both_ways, last_only, x.device)
-        own, position = x.transpose(1, 2).index_select(1, graph.placement).split(self.sizes, -1)
-        nodes = self.conv(own, position, graph.edge_index)
-        prefixes = self.pool(nodes, graph.prefix, dim=1, dim_size=1 if last_only else x.shape[2] - 1)
+        x = x.transpose(1, 2)
+        own, position = x.index_select(1, graph.placement).split(self.sizes, -1)
+        edge_attr = self.pair_features(x, graph.placement[graph.edge_index])
+        nodes = self.conv(own, position, graph.edge_index, edge_attr)
+        prefixes = self.pool(nodes, graph.prefix, dim=1, dim_size=1 if last_only else x.shape[1] - 1)
         return self.readout(prefixes).squeeze(-1).transpose(1, 2)
+
+    def pair_features(self, x: Tensor, pairs: Tensor) -> Tensor | None:
+        """What a message is told of its pair of placements, besides the features of each; by default nothing.
+
+        Only what a prefix that ends with the pair's last placement holds may decide it.
+
+        Args:
+            x: [E, K, N, F] features of K placements in N plans.
+            pairs: [2, A] placements that send and that receive a message.
+
+        Returns:
+            [E, A, N, P], or None if P is 0.
+        """
+        return None
 
 
 class TGN(GraphNetwork):

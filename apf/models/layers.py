@@ -2,9 +2,12 @@
 
 import math
 from collections.abc import Sequence
+from typing import ClassVar
 
 import torch
 from torch import Tensor, nn
+
+from apf.domain import Domain
 
 GAIN = math.sqrt(2)
 """Weights start so many times as large as in `nn.Linear`. With the range of `nn.Linear`, a member gives the same
@@ -46,6 +49,12 @@ class EnsembleNetwork(nn.Module):
     A sub-class makes its layers of `EnsembleLinear` and implements `forward`; autograd does the rest. It is constructed
     with `members`, `n_features` = F, and `n_position`, how many of the last features are a position.
     """
+
+    for_domain: ClassVar[type[Domain] | None] = None
+    """Whose features it knows; None: those of any domain will do."""
+    kernel_of: ClassVar[str]
+    """The network in `apf.models.kernels.KERNELS` whose kernel serves this very class, too, but no sub-class of it: for
+    a graph network that differs in its `pair_features` alone."""
 
     def forward(self, x: Tensor, last_only: bool = False) -> Tensor:
         """Logits that each prefix of 2..K placements is feasible, given that the prefixes before it were.

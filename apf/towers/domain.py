@@ -2,7 +2,7 @@
 
 The four parts that a new domain supplies (appendix, Method Generalizability) are action definitions (here),
 experimental infrastructure (`apf.towers.worlds`, `apf.panda`), a feasibility detector (`apf.towers.stability`), and
-inductive bias (`apf.towers.features`, and the connectivity that `conf/model` chooses).
+inductive bias (`apf.towers.features`, the connectivity that `conf/model` chooses, and `apf.towers.contact`).
 """
 
 from collections.abc import Iterator, Sequence

@@ -12,10 +12,13 @@ N_FEATURES = 10
 N_POSITION = 3
 """The last features are the position."""
 MASS, COM_X, POSITION_X = 0, 1, 7
+COM, SIDES, POSITION = slice(1, 4), slice(4, 7), slice(7, 10)
 MEAN_MASS = 0.55
 """[kg]"""
 LENGTH = 0.1
 """Unit of all lengths [m]: one for all, since a network adds centres of mass to positions."""
+MEAN_SIDE = 1
+"""[`LENGTH`] what a side is less in the features."""
 
 
 def features(towers: Towers) -> np.ndarray:
@@ -45,8 +48,8 @@ def _own(mass: np.ndarray, com: np.ndarray, dims: np.ndarray) -> np.ndarray:
     """[..., 7] float32 of masses that broadcast to [...] [kg], centres of mass [..., 3] and sides [..., 3] [m]."""
     own = np.empty((*com.shape[:-1], POSITION_X), np.float32)
     own[..., MASS] = (mass - MEAN_MASS) * 2
-    own[..., 1:4] = com / LENGTH
-    own[..., 4:7] = dims / LENGTH - 1
+    own[..., COM] = com / LENGTH
+    own[..., SIDES] = dims / LENGTH - MEAN_SIDE
     return own
 
 

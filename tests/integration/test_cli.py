@@ -24,7 +24,7 @@ def test_a_run_shows_each_step_as_lines(smoke: tuple[Path, Result]) -> None:
     topics = [
         match.groups() for line in lines if (match := re.match(r"step (\d+), (\d+) plans, (\w+): [\w/]+ \S", line))
     ]
-    evaluated = ["data", "score", "loss", "regret", "success", "accuracy"]
+    evaluated = ["data", "score", "loss", "regret", "success", "predicted", "accuracy"]
     assert topics == [
         *(("0", "20", topic) for topic in ("data", "loss")),
         *(("1", "30", topic) for topic in evaluated),

@@ -17,7 +17,7 @@ from apf.tracking import NoTracker
 from integration.command_line import TINY, options
 
 PRESETS = ["smoke"]
-MODELS = ["fcgn", "lstm", "tgn"]
+MODELS = ["fcgn", "lstm", "tgn", "tgn_contact"]
 SAMPLERS = ["complete", "greedy", "incremental", "random_comp", "random_ss", "sequential"]
 WORLDS = ["analytic", "noisy"]
 

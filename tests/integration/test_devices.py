@@ -16,7 +16,7 @@ def tables(run: Path) -> dict[str, pd.DataFrame]:
     return {name: pd.read_parquet(run / f"{name}.parquet") for name in ("plans", "regret", "accuracy")}
 
 
-@pytest.mark.parametrize("model", ["tgn", "fcgn", "lstm"])
+@pytest.mark.parametrize("model", ["tgn", "tgn_contact", "fcgn", "lstm"])
 def test_a_run_on_a_gpu_does_what_one_on_a_cpu_does(here: Path, model: str) -> None:
     command = (*TINY, f"model={model}")
     with pretend_gpu() as gpu:

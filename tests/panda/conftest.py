@@ -12,7 +12,7 @@ from apf.panda.flaws import Flaws
 from apf.panda.layout import Layout
 from apf.towers import BlockSet
 
-CALIBRATED = Flaws(hand_eye=0.0008, hand_eye_turn=0.15, static=0.0015, static_turn=0.1)
+CALIBRATED = Flaws(hand_eye=0.0008, hand_eye_turn=0.15, static=0.001, static_turn=0.06)
 
 
 @pytest.fixture(scope="session")

@@ -1,11 +1,16 @@
 import numpy as np
 import pytest
+from hypothesis import assume, example, given
+from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from apf.panda.layout import Layout
 from apf.panda.vision.cameras import STATIC, Camera, Cameras, WristCamera, looking, projected
 from apf.panda.vision.legibility import LEAST, marker_widths, too_small
 from apf.towers import BlockSet
+
+Point = tuple[float, float, float]
+POINTS = st.tuples(*[st.floats(-1, 1)] * 3)
 
 
 def test_what_a_camera_looks_at_is_in_the_middle_of_its_image() -> None:
@@ -25,10 +30,17 @@ def test_a_projection_by_hand() -> None:
     assert np.isnan(projected(np.array([0.5, 0.0, 3.0]), place, camera.intrinsics)).all(), "behind the camera"
 
 
-def test_a_camera_may_look_straight_down() -> None:
-    place = Camera(position=(0.5, 0, 2), target=(0.5, 0, 0)).mounting
-    assert np.isfinite(place).all()
-    np.testing.assert_allclose(place[:3, :3] @ place[:3, :3].T, np.eye(3), atol=1e-12)
+@given(st.tuples(POINTS, POINTS))
+@example(((0.5, 0.0, 2.0), (0.5, 0.0, 0.0)))
+def test_an_optical_frame_is_right_handed_and_looks_at_its_target(ends: tuple[Point, Point]) -> None:
+    """Also straight down."""
+    position, target = np.array(ends)
+    assume(np.linalg.norm(target - position) > 0.01)
+    place = looking(position, target, np.array([0.0, 0.0, 1.0]))
+    np.testing.assert_allclose(place[:3, :3] @ place[:3, :3].T, np.eye(3), atol=1e-9)
+    assert np.linalg.det(place[:3, :3]) == pytest.approx(1)
+    np.testing.assert_allclose(place[:3, 2] * np.linalg.norm(target - position), target - position, atol=1e-9)
+    assert place[2, 1] <= 1e-9, "the image is not upside down"
 
 
 @pytest.mark.parametrize(
@@ -51,6 +63,8 @@ def test_an_impossible_camera_is_refused(wrong: dict, words: tuple[str, ...]) ->
             cls(**{"position": (0, 0, 0), "target": (1, 0, 0)} | wrong)
         for word in words:
             assert word in str(error.value)
+    with pytest.raises(ValidationError, match="size"):
+        WristCamera(size=0)
 
 
 def test_base_pedestal_and_homes_are_in_view_of_the_cameras() -> None:

@@ -45,6 +45,9 @@ def test_markers_lie_on_their_faces(sides: tuple[float, float, float]) -> None:
     np.testing.assert_allclose(out.sum(0), 0, atol=1e-12)
     np.testing.assert_allclose(np.einsum("fci,fi->fc", corners, out), np.abs(out @ dims)[:, None] / 2 * np.ones(4))
     assert (np.abs(corners) <= dims / 2 + 1e-12).all()
+    clockwise = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 1])
+    assert (np.einsum("fi,fi->f", clockwise, out) < 0).all(), "clockwise from outside"
+    np.testing.assert_allclose(corners.mean(1), poses[:, :3, 3], atol=1e-12)
     lengths = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=-1)
     np.testing.assert_allclose(lengths, marker_sides(dims)[:, None] * np.ones(4), rtol=1e-9)
 

@@ -16,11 +16,12 @@ KERNELS: dict[str, type[Passes]] = {"apf.TGN": GraphKernel, "apf.FCGN": GraphKer
 def passes_of(network: EnsembleNetwork, kernels: bool = True) -> Passes:
     """The passes of a network: its kernel if there is one and `kernels` are wanted, else its definition.
 
-    A kernel serves only the class it was written for, made of the parts it was written for: a sub-class of the network,
-    or another class in place of one of its parts, may compute something else.
+    A kernel serves only the class it was written for, and classes that ask for it (`EnsembleNetwork.kernel_of`), made
+    of the parts it was written for. Any other sub-class, or another class in place of one of the parts, may compute
+    something else.
     """
     name, *parts = dict.fromkeys(
         f"{type(part).__module__.split('.')[0]}.{type(part).__qualname__}" for part in network.modules()
     )
-    kernel = KERNELS.get(name)
+    kernel = KERNELS.get(vars(type(network)).get("kernel_of", name))
     return kernel(network) if kernels and kernel and kernel.parts == tuple(parts) else Passes(network)

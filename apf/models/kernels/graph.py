@@ -21,7 +21,8 @@ class PreparedGraphs:
 
     E is 1 where all members see the same plans. D of the F features are a position.
 
-    pairs: [E, A x N, 2 (F - D) + D] features of source and target, position of the source relative to the target.
+    pairs: [E, A x N, 2 (F - D) + D + P] features of source and target, position of the source relative to the target,
+        features of the pair.
     nodes: [E, V x N, F - D + 2] features of the placement, 1, the number of messages that the node receives.
     """
 
@@ -57,7 +58,9 @@ class GraphKernel(Passes):
         own, position = x.split(self.network.sizes, -1)
         source, target = graph.edge_index
         relative = position.index_select(1, source) - position.index_select(1, target)
-        pairs = cat([own.index_select(1, source), own.index_select(1, target), relative], -1)
+        of_pair = self.network.pair_features(x, graph.edge_index)
+        of_pairs = [] if of_pair is None else [of_pair]
+        pairs = cat([own.index_select(1, source), own.index_select(1, target), relative, *of_pairs], -1)
         number = graph.n_received.expand(e, -1, n, 1)
         nodes = cat([own.index_select(1, graph.placement), torch.ones_like(number), number], -1)
         return PreparedGraphs(graph, n, pairs.flatten(1, 2), nodes.flatten(1, 2))

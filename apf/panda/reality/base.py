@@ -2,10 +2,9 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import Annotated, Any, Literal, Protocol
+from typing import Any, Literal, Protocol
 
 import numpy as np
-from pydantic import Field
 
 from apf.panda.grasps import Gripper
 from apf.panda.hardware import Hardware, Person
@@ -13,7 +12,7 @@ from apf.panda.layout import Layout
 from apf.panda.reality.photographer import Photographer, State
 from apf.panda.settings import Arm
 from apf.panda.vision.cameras import WristCamera
-from apf.settings import Few, Number, Whole, settings
+from apf.settings import settings
 from apf.towers import BlockSet
 
 
@@ -84,40 +83,3 @@ class Physics(ABC):
             wrist: The camera on the hand.
             gui: Show a window?
         """
-
-
-@settings
-class Bullet(Physics):
-    """PyBullet."""
-
-    rate: Annotated[Whole, Field(ge=60, le=10000)] = 240
-    """Steps in a second."""
-    iterations: Few = 200
-    """Of the contact solver in each step; with PyBullet's usual 50 towers creep."""
-    friction: Annotated[Number, Field(gt=0, le=10)] = 0.6
-    """Coefficient of blocks, table and pedestal."""
-
-    def reality(
-        self,
-        layout: Layout,
-        arm: Arm,
-        gripper: Gripper,
-        hold: Literal["friction", "constraint"],
-        photographer: Photographer,
-        wrist: WristCamera,
-        gui: bool,
-    ) -> Reality:
-        """See `Physics.reality`.
-
-        Args:
-            layout: Places on the table.
-            arm: Speeds of the joints.
-            gripper: What the fingers can hold.
-            hold: How the hand holds a block: by friction alone, or tied to the hand, too (constraint).
-            photographer: Takes the images; it knows the flaws of this robot.
-            wrist: The camera on the hand.
-            gui: Show a window?
-        """
-        from apf.panda.reality.bullet import BulletReality
-
-        return BulletReality(layout, self, arm, gripper, hold, photographer, wrist, gui)

@@ -9,7 +9,7 @@ from apf.panda.vision.markers import DICTIONARY, FACES
 from apf.panda.vision.refinement import refined
 
 WINDOW = 3
-"""Half of the window in which a corner is refined [pixels]."""
+"""Half of the window in which a corner is looked for [pixels]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,12 +47,12 @@ def detect(image: np.ndarray, blocks: int) -> list[Detection]:
 
 
 def drawn(image: np.ndarray, detections: list[Detection], names: tuple[str, ...]) -> np.ndarray:
-    """[H, W, 3] uint8: an image with the markers that were found in it.
+    """[H, W, 3] uint8: an image with the markers that were found in it, and the names of their blocks.
 
     Args:
         image: [H, W] uint8.
-        detections: The markers.
-        names: Of all blocks.
+        detections: What was found.
+        names: [B] of the blocks.
     """
     picture = cv2.cvtColor(image, cv2.COLOR_GRAY2RGB)
     for each in detections:

@@ -24,6 +24,8 @@ FAR = 2.5
 
 def refined(image: np.ndarray, corners: np.ndarray) -> np.ndarray:
     """[M, 4, 2] corners of markers in an image [H, W] uint8, from those found [M, 4, 2], clockwise, in pixels."""
+    if not len(corners):
+        return corners
     better = corners
     for _ in range(ROUNDS):
         better = _where_edges_meet(image, better)
