@@ -48,6 +48,7 @@ TESTS = {
     "apf/acquisition/scores.py": ("test_scores", "test_samplers"),
     "apf/planning/evaluation.py": ("test_evaluation",),
     "apf/planning/monte_carlo.py": ("test_planner", "test_evaluation"),
+    "apf/planning/search.py": ("test_search", "test_evaluation"),
     "apf/towers/predictors.py": ("test_predictors",),
     "apf/towers/stability.py": ("test_stability",),
     "apf/models/training.py": ("test_training",),

@@ -26,6 +26,7 @@ CHOICES = [
     *([f"model={path.stem}"] for path in sorted((CONF / "model").glob("*.yaml"))),
     *([f"predictor={name}"] for name in ("learned", "analytic", "simulation")),
     *(["world=panda", "world/flaws=exact", f"world/reality={name}"] for name in ("bullet", "mujoco")),
+    *([f"planner={name}"] for name in ("monte_carlo", "search")),
     *([f"domain={name}", "predictor=simulation"] for name in ("towers", "packing")),
 ]
 SETS = ("apf.packing.sources.BoxSource", "apf.towers.sources.BlockSource")

@@ -11,7 +11,7 @@ from pydantic import ValidationError
 
 from apf.domain import Predictor, Task, World
 from apf.errors import Stopped
-from apf.planning import EvaluationSettings, Evaluator, MonteCarloPlanner, regret_table
+from apf.planning import EvaluationSettings, Evaluator, MonteCarloPlanner, Planner, SearchPlanner, regret_table
 from apf.rng import stream
 from apf.rundir.columns import ACCURACY_COLUMNS, REGRET_COLUMNS
 from apf.towers import AnalyticWorld, Overhang, Tallest, TowerDomain, Towers, stands
@@ -133,11 +133,12 @@ def evaluator_with(
     tasks: Mapping[str, Task] = TASKS,
     candidates: int = CANDIDATES,
     limit: float | None = None,
+    planner: Planner | None = None,
     **others: Any,
 ) -> tuple[Evaluator, list[str]]:
     """An evaluator of small problems, and the list that it writes its progress to."""
     said: list[tuple[int, str, int, int]] = []
-    planner = MonteCarloPlanner(candidates=candidates)
+    planner = planner or MonteCarloPlanner(candidates=candidates)
     return Evaluator(settings_with(**others), domain, planner, tasks, lambda *what: said.append(what), limit), said
 
 
@@ -150,7 +151,9 @@ def problem(domain: TowerDomain, number: int, candidates: int = CANDIDATES) -> T
 
 
 def test_columns_are_those_that_the_tables_on_disk_have() -> None:
-    assert " ".join(REGRET_COLUMNS) == "step plans task problem world value chance best_value regret feasible"
+    assert " ".join(REGRET_COLUMNS) == (
+        "step plans task problem world value chance best_value regret feasible search_value search_regret"
+    )
     assert " ".join(ACCURACY_COLUMNS) == "step plans length accuracy auc n"
 
 
@@ -170,7 +173,8 @@ class TestRegret:
                 for world in worlds:
                     fell = world == "falls"
                     expected.append([3, 70, name, number, world, best, 1.0, best, float(fell), not fell])
-        assert table.astype(object).to_numpy().tolist() == expected
+        assert table.iloc[:, :10].astype(object).to_numpy().tolist() == expected
+        assert table[["search_value", "search_regret"]].isna().all().all(), "this planner looks at candidates alone"
 
     def test_who_believes_in_every_tower_gets_nothing_for_those_that_fall(self, domain: TowerDomain) -> None:
         evaluator, _ = evaluator_with(domain, problems=5)
@@ -262,6 +266,45 @@ class TestRegret:
             assert each.value == TASKS[each.task].value(each.plan)[0]
             assert each.outcomes["falls"].labels.tolist() == [1, 1, 0]
             assert (each.outcomes["analytic"].labels == 1).all() == stands(each.plan)[0]
+
+    def test_a_search_regrets_what_a_search_that_knows_the_rule_would_have_found(self, domain: TowerDomain) -> None:
+        searcher = SearchPlanner(candidates=CANDIDATES, start=100, generations=10, children=20, parents=5)
+        counting = Counting(domain)
+        evaluator, _ = evaluator_with(
+            counting, planner=searcher, worlds={"analytic": AnalyticWorld(), "falls": Falls()}
+        )
+        table = regret_of(evaluator, Says(lambda plans: stands(plans).astype(float)), step=3, labelled=70)
+        judged = counting.judged
+        for row in table.itertuples():
+            assert row.search_value >= row.best_value > 0, "it starts from the best candidates"
+            reward = row.value * row.feasible
+            assert row.search_regret == pytest.approx((row.search_value - reward) / row.search_value)
+        assert (table["search_value"] > table["best_value"]).any()
+        again = regret_of(evaluator, Says(lambda plans: stands(plans).astype(float)), step=3, labelled=70)
+        assert counting.judged == judged, "the reference is searched once for each problem"
+        pd.testing.assert_frame_equal(again, table)
+
+    def test_a_planner_plans_with_odds_of_its_own(self, domain: TowerDomain) -> None:
+        """What is planned, and the chances that are kept, go by the planner's odds; accuracy by the predictor's."""
+
+        class WithOdds(Says):
+            odds = 1.5
+
+            def with_odds(self, odds: float) -> "WithOdds":
+                other = WithOdds(self.chance)
+                other.odds = odds
+                return other
+
+            def feasibility(self, plans: Towers, rng: np.random.Generator | None = None) -> np.ndarray:
+                return super().feasibility(plans, rng) * self.odds
+
+        quarter = WithOdds(lambda plans: np.full(len(plans), 0.4))
+        for odds, chance in ((None, 0.4 * 1.5), (1.0, 0.4), (0.5, 0.2)):
+            for planner in (MonteCarloPlanner(candidates=20, odds=odds), SearchPlanner(candidates=20, odds=odds)):
+                evaluator, _ = evaluator_with(domain, planner=planner)
+                for each in evaluator.plan(quarter, step=0):
+                    assert each.chances == pytest.approx([1.0, chance, chance])
+                assert evaluator.accuracy(quarter, 0, 0)["accuracy"].tolist() == [0.5], "0.6 calls every plan feasible"
 
     def test_without_problems_there_are_no_rows(self, domain: TowerDomain) -> None:
         evaluator, _ = evaluator_with(domain, problems=0)

@@ -26,7 +26,7 @@ def made(sweep: str, seed: int, every: int, problems: int, sampler: str = "seque
     """A run of 120 towers, evaluated every so many."""
     at = list(range(every, 121, every))
     regret = [
-        (0, towers, "tallest", problem, "noisy", 1.0, 0.9, 2.0, 0.5, True)
+        (0, towers, "tallest", problem, "noisy", 1.0, 0.9, 2.0, 0.5, True, 2.0, 0.5)
         for towers, problem in product(at, range(problems))
     ]
     accuracy = [(0, towers, length, 0.9, 0.95, 10) for towers, length in product(at, (2, 3))]

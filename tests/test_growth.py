@@ -51,8 +51,8 @@ def grow(store: Store, domain: TowerDomain, towers: int, every: int, reports: bo
 def evaluate(store: Store, step: int, towers: int, rng: np.random.Generator) -> None:
     """Record an evaluation of two problems, one of which has no regret."""
     rows = [
-        (step, towers, task, problem, world, rng.random(), 0.5, 0.9, rng.random() if problem else np.nan, bool(problem))
-        for problem in range(2)
+        (step, towers, task, problem, world, rng.random(), 0.5, 0.9, regret, problem == 1, np.nan, np.nan)
+        for problem, regret in ((0, np.nan), (1, rng.random()))
         for task in ("tallest", "overhang")
         for world in ("noisy", "analytic")
     ]

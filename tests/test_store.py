@@ -82,8 +82,8 @@ def same_plan(mine: Any, theirs: Any) -> bool:
 
 def regret_table(step: int, regret: float) -> pd.DataFrame:
     rows = [
-        (step, 2, "tallest", 0, "analytic", 0.5, 0.9, 0.75, regret, True),
-        (step, 2, "overhang", 0, "noisy", 0.5, 0.8, 0.0, NAN, False),
+        (step, 2, "tallest", 0, "analytic", 0.5, 0.9, 0.75, regret, True, 1.0, 0.5),
+        (step, 2, "overhang", 0, "noisy", 0.5, 0.8, 0.0, NAN, False, NAN, NAN),
     ]
     return pd.DataFrame(rows, columns=REGRET_COLUMNS)
 
@@ -98,9 +98,9 @@ def chosen_plans(domain: Domain) -> list[ChosenPlan]:
     noisy = Outcome(np.array([1, 0, -1], np.int8), {"outcome": "fell", "entries": []})
     outcomes = {"analytic": Outcome(np.array([1, 1, 1], np.int8)), "noisy": noisy}
     return [
-        ChosenPlan("tallest", 0, one, 0.5, np.array([1.0, 0.95, 0.9]), 0.75, outcomes),
+        ChosenPlan("tallest", 0, one, 0.5, np.array([1.0, 0.95, 0.9]), 0.75, 1.0, outcomes),
         ChosenPlan(
-            "overhang", 1, other, 0.25, np.array([1.0, 0.8]), 0.5, {"noisy": Outcome(np.array([0, -1], np.int8))}
+            "overhang", 1, other, 0.25, np.array([1.0, 0.8]), 0.5, NAN, {"noisy": Outcome(np.array([0, -1], np.int8))}
         ),
     ]
 
@@ -416,10 +416,10 @@ class TestEvaluations:
         assert store.regret().columns.tolist() == REGRET_COLUMNS
         rows = store.regret().astype(object).where(store.regret().notna(), None).to_numpy().tolist()
         assert rows == [
-            [0, 2, "tallest", 0, "analytic", 0.5, 0.9, 0.75, 0.25, True],
-            [0, 2, "overhang", 0, "noisy", 0.5, 0.8, 0.0, None, False],
-            [1, 2, "tallest", 0, "analytic", 0.5, 0.9, 0.75, 0.125, True],
-            [1, 2, "overhang", 0, "noisy", 0.5, 0.8, 0.0, None, False],
+            [0, 2, "tallest", 0, "analytic", 0.5, 0.9, 0.75, 0.25, True, 1.0, 0.5],
+            [0, 2, "overhang", 0, "noisy", 0.5, 0.8, 0.0, None, False, None, None],
+            [1, 2, "tallest", 0, "analytic", 0.5, 0.9, 0.75, 0.125, True, 1.0, 0.5],
+            [1, 2, "overhang", 0, "noisy", 0.5, 0.8, 0.0, None, False, None, None],
         ]
         assert store.accuracy().columns.tolist() == ACCURACY_COLUMNS
         assert store.accuracy().to_numpy().tolist() == [[0, 2, 3, 0.75, 0.875, 40], [1, 2, 3, 0.625, 0.875, 40]]

@@ -495,6 +495,20 @@ def test_plans_are_judged_with_their_odds_multiplied_and_chosen_without(kind: Ki
     np.testing.assert_allclose(raised.last_feasibility(plans), three_times.mean(0)[:, -1], rtol=1e-5)
 
 
+def test_the_same_networks_can_be_taken_with_other_odds() -> None:
+    plans, rng = DOMAIN.random_plans(4, 50, np.random.default_rng(3)), np.random.default_rng(0)
+    model = ensemble(odds=1.5)
+    model.fit([labelled(3, 30, 1)], [], rng)
+    raised, before = model.with_odds(3), model.feasibility(plans)
+    p = model.predict(plans).numpy()
+    three_times = 3 * p / (1 - p) / (1 + 3 * p / (1 - p))
+    np.testing.assert_allclose(raised.feasibility(plans), three_times.mean(0).prod(1))
+    np.testing.assert_array_equal(model.feasibility(plans), before)
+    np.testing.assert_array_equal(raised.with_odds(1.5).feasibility(plans), before)
+    model.fit([labelled(3, 30, 2)], [], rng)
+    np.testing.assert_array_equal(raised.with_odds(1.5).feasibility(plans), model.feasibility(plans))
+
+
 def test_a_complete_model_has_one_probability_and_no_prefixes() -> None:
     model, group = ensemble(Kind.COMPLETE), labelled(4, 30, 1)
     model.fit([group], [group], np.random.default_rng(0))

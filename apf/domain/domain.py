@@ -77,6 +77,18 @@ class Domain(ABC):
         """Each plan with one more random placement."""
 
     @abstractmethod
+    def vary(self, plans: Any, rng: np.random.Generator) -> Any:
+        """One variation of each plan, for a planner that searches: something of the plan is changed, much or a little.
+
+        Args:
+            plans: N plans of K placements.
+            rng: The source of all draws.
+
+        Returns:
+            N plans of K placements, of the objects that the plans' set has. Repeated variations reach any plan.
+        """
+
+    @abstractmethod
     def concatenate(self, parts: Sequence[Any]) -> Any:
         """All plans of the parts, which have one length."""
 

@@ -1,7 +1,7 @@
 """Predictors: a planner asks one for P(feasible). A predictor is a learned model, or one that knows the physics."""
 
 from abc import ABC, abstractmethod
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
@@ -40,6 +40,13 @@ class Predictor(ABC):
         there are several members.
         """
         raise TypeError(f"{type(self).__name__} judges whole plans only")
+
+    def with_odds(self, odds: float) -> Self:
+        """This predictor with another factor for the odds of each placement.
+
+        By default the predictor itself: the factor changes no probability of 0 or 1.
+        """
+        return self
 
     def prefix_feasibility(self, plans: Any, rng: np.random.Generator) -> np.ndarray:
         """[N, K] probability that each prefix of each plan succeeds. A single placement always does.

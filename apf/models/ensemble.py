@@ -1,10 +1,11 @@
 """An ensemble of networks that predicts the feasibility of plans (Section Abstract plan feasibility model)."""
 
+import copy
 import math
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import torch
@@ -125,6 +126,12 @@ class Ensemble(Predictor):
         """
         p = self._predict(plans, last_only=True, members=members, odds=self.odds)
         return _mean(p)[:, 0]
+
+    def with_odds(self, odds: float) -> Self:
+        """The same networks, whose weights are shared, with another factor for the odds of each placement."""
+        other = copy.copy(self)
+        other.odds = odds
+        return other
 
     def save(self, path: Path) -> None:
         """Write the weights as safetensors. Raises OSError if that cannot be done."""

@@ -24,6 +24,7 @@ from apf.packing.packings import Cell, Container, Gripper, Packings
 from apf.packing.random_packings import Places, random_extensions, random_packings
 from apf.packing.rule import packed
 from apf.packing.sources import BoxSource
+from apf.packing.variations import variations
 from apf.settings import Number, Switch, settings
 
 
@@ -98,6 +99,10 @@ class PackingDomain(Domain):
     def extend(self, plans: Packings, rng: np.random.Generator) -> Packings:
         """Each plan with one more random placement."""
         return random_extensions(plans, rng, self.places)
+
+    def vary(self, plans: Packings, rng: np.random.Generator) -> Packings:
+        """As `Domain.vary`. Which boxes are packed varies, too."""
+        return variations(plans, rng, self.places)
 
     def concatenate(self, parts: Sequence[Packings]) -> Packings:
         """All plans of the parts, which have one length."""

@@ -4,6 +4,7 @@ from apf.planning.evaluation import EvaluationSettings, Evaluator, regret_table
 from apf.planning.learned import Learned
 from apf.planning.monte_carlo import MonteCarloPlanner
 from apf.planning.planner import Choice, Planner, Problem
+from apf.planning.search import SearchPlanner
 
 __all__ = [
     "Choice",
@@ -13,5 +14,6 @@ __all__ = [
     "MonteCarloPlanner",
     "Planner",
     "Problem",
+    "SearchPlanner",
     "regret_table",
 ]

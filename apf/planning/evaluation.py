@@ -77,6 +77,7 @@ class Evaluator:
         self.settings, self.domain, self.planner, self.tasks = settings, domain, planner, tasks
         self.on_progress, self.time_limit = on_progress, time_limit
         self._best_values: dict[int, dict[str, float]] = {}
+        self._search_values: dict[int, dict[str, float]] = {}
         self._test_sets: dict[int, tuple[Any, np.ndarray]] = {}
 
     def work(self) -> dict[str, int]:
@@ -100,13 +101,14 @@ class Evaluator:
                     rng = stream(self.settings.seed, f"reward in {world_name}", step, problem, number)
                     what = f"the plan chosen for {name} in problem {problem}"
                     outcomes[world_name] = carry_out(world, choice.plan, rng, self.time_limit, what)
-                best = self._best_values[problem][name]
+                references = self._best_values[problem][name], self._search_values[problem][name]
                 chance = np.array([choice.chance])
-                chosen.append(ChosenPlan(name, problem, choice.plan, choice.value, chance, best, outcomes))
+                chosen.append(ChosenPlan(name, problem, choice.plan, choice.value, chance, *references, outcomes))
         if not chosen:
             return []
         plans = self.domain.concatenate([each.plan for each in chosen])
-        chances = predictor.prefix_feasibility(plans, stream(self.settings.seed, "chances", step))
+        judge = self.planner.judge(predictor)
+        chances = judge.prefix_feasibility(plans, stream(self.settings.seed, "chances", step))
         chances[:, -1] = [each.chance for each in chosen]
         return [replace(each, chances=row) for each, row in zip(chosen, chances, strict=True)]
 
@@ -145,23 +147,25 @@ class Evaluator:
             self.on_progress(step, PLANNING, number + 1, self.settings.problems)
             rng = stream(self.settings.seed, "problem", number)
             candidates = self.domain.problem(self.settings.length, self.planner.candidates, rng)
-            self._find_best(number, candidates)
+            self._find_references(number, candidates)
             yield Problem(candidates, stream(self.settings.seed, "predictor", step, number))
 
-    def _find_best(self, problem: int, candidates: Any) -> None:
-        """For each task, the largest value of a candidate that succeeds; 0 if none does."""
+    def _find_references(self, problem: int, candidates: Any) -> None:
+        """For each task, the largest value of a candidate that succeeds (0: none does), and the planner's reference."""
         if problem not in self._best_values:
             standing = candidates[self.domain.feasible(candidates)]
             self._best_values[problem] = {
                 name: float(task.value(standing).max(initial=0.0)) for name, task in self.tasks.items()
             }
+            rng = stream(self.settings.seed, "reference", problem)
+            self._search_values[problem] = self.planner.reference(standing, self.tasks, self.domain, rng)
 
 
 def regret_table(chosen: Sequence[ChosenPlan], step: int, labelled: int) -> pd.DataFrame:
     """[plans x worlds rows, REGRET_COLUMNS] of chosen plans.
 
     Normalised regret is (best_value - reward) / best_value: the reward is the plan's value if it succeeds and 0 if it
-    fails. It is NaN where no candidate succeeds.
+    fails. It is NaN where no candidate succeeds. search_regret is the same with search_value for best_value.
 
     Args:
         chosen: What an evaluation chose.
@@ -170,13 +174,18 @@ def regret_table(chosen: Sequence[ChosenPlan], step: int, labelled: int) -> pd.D
     """
     rows = []
     for each in chosen:
-        best = each.best_value
         for world, outcome in each.outcomes.items():
             feasible = bool((outcome.labels == 1).all())
-            regret = (best - each.value * feasible) / best if best > 0 else np.nan
-            known = (each.value, each.chance, best, regret, feasible)
-            rows.append((step, labelled, each.task, each.problem, world, *known))
+            reward = each.value * feasible
+            known = (each.value, each.chance, each.best_value, _regret(each.best_value, reward), feasible)
+            searched = (each.search_value, _regret(each.search_value, reward))
+            rows.append((step, labelled, each.task, each.problem, world, *known, *searched))
     return pd.DataFrame(rows, columns=REGRET_COLUMNS)
+
+
+def _regret(best: float, reward: float) -> float:
+    """The share of the best value that the reward lacks; NaN if there is no best value."""
+    return (best - reward) / best if best > 0 else np.nan
 
 
 def _auc(probability: np.ndarray, labels: np.ndarray) -> float:

@@ -1,15 +1,12 @@
 """The predictor of a run that learns."""
 
-from typing import Annotated
-
-from pydantic import Field
-
-from apf.settings import Number, settings
+from apf.planning.planner import Odds
+from apf.settings import settings
 
 
 @settings
 class Learned:
     """Stands for the ensemble that the run itself trains."""
 
-    odds: Annotated[Number, Field(gt=0, le=1000)]
+    odds: Odds
     """Factor for the odds of each placement when plans are judged. Acquisition does not use this factor."""

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from apf.domain import Domain, Predictor, Task
-from apf.planning.planner import Choice, Planner, Problem
+from apf.planning.planner import Choice, Odds, Planner, Problem
 from apf.settings import Many, settings
 
 ROUNDS = ((0.2, 0.5), (1.0,))
@@ -123,6 +123,7 @@ class Pool:
 class MonteCarloPlanner(Planner):
     """argmax of P(phi = 1 | a) V(a) over random candidates."""
 
+    odds: Odds | None = None
     first: Many = 1024
     """Plans of the first wave, which is to find a good one; the next waves are larger."""
     chunk: Many = 32768
@@ -132,6 +133,7 @@ class MonteCarloPlanner(Planner):
         self, problems: Iterable[Problem], tasks: Mapping[str, Task], predictor: Predictor, domain: Domain
     ) -> Iterator[dict[str, Choice]]:
         """As `Planner.choose`; one problem after another."""
+        predictor = self.judge(predictor)
         for problem in problems:
             pool = self.pool(problem.candidates, predictor, problem.rng)
             yield {name: self.plan(task, pool) for name, task in tasks.items()}

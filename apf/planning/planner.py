@@ -3,12 +3,16 @@
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import Field
 
 from apf.domain import Domain, Predictor, Task
-from apf.settings import Many, settings
+from apf.settings import Many, Number, settings
+
+Odds = Annotated[Number, Field(gt=0, le=1000)]
+"""Factor for the odds of each placement."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +47,12 @@ class Planner(ABC):
 
     candidates: Many
     """Random plans of each problem."""
+    odds: Odds | None
+    """Factor for the odds of each placement while plans are chosen; None: the predictor's own."""
+
+    def judge(self, predictor: Predictor) -> Predictor:
+        """The predictor with the odds that this planner plans with."""
+        return predictor if self.odds is None else predictor.with_odds(self.odds)
 
     @abstractmethod
     def choose(
@@ -56,9 +66,24 @@ class Planner(ABC):
         Args:
             problems: In the order of the answers.
             tasks: By their names.
-            predictor: Judges plans.
+            predictor: Judges plans, with the odds of this planner.
             domain: Of the plans.
 
         Yields:
             The choice for each task, problem by problem.
         """
+
+    def reference(
+        self, standing: Any, tasks: Mapping[str, Task], domain: Domain, rng: np.random.Generator
+    ) -> dict[str, float]:
+        """For each task, the value of the plan that this planner finds if it knows what is feasible without noise.
+
+        By default NaN: a planner that looks at candidates alone finds the best candidate, which is a reference already.
+
+        Args:
+            standing: The candidates of a problem that are feasible.
+            tasks: By their names.
+            domain: Of the plans.
+            rng: The source of all draws.
+        """
+        return dict.fromkeys(tasks, np.nan)

@@ -32,6 +32,7 @@ class ChosenPlan:
 
     plan: A batch of one. value: What the plan is worth if it succeeds. chances: [K] predicted chance of each prefix;
     the last one is the plan's. best_value: The largest value of a candidate that succeeds without noise, or 0.
+    search_value: The value that a search finds if it knows what succeeds without noise; NaN: there was no search.
     outcomes: By the name of the world.
     """
 
@@ -41,6 +42,7 @@ class ChosenPlan:
     value: float
     chances: np.ndarray
     best_value: float
+    search_value: float
     outcomes: Mapping[str, Outcome]
 
     @property

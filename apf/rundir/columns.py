@@ -1,10 +1,14 @@
 """The columns of a run's tables, and their types."""
 
-REGRET_COLUMNS = ["step", "plans", "task", "problem", "world", "value", "chance", "best_value", "regret", "feasible"]
+REGRET_COLUMNS = [
+    *("step", "plans", "task", "problem", "world", "value", "chance", "best_value", "regret", "feasible"),
+    *("search_value", "search_regret"),
+]
 ACCURACY_COLUMNS = ["step", "plans", "length", "accuracy", "auc", "n"]
 
 DTYPES = {
     **dict.fromkeys(("step", "plans", "problem", "length", "n"), "int64"),
-    **dict.fromkeys(("value", "chance", "best_value", "regret", "accuracy", "auc"), "float64"),
+    **dict.fromkeys(("value", "chance", "best_value", "regret", "search_value", "search_regret"), "float64"),
+    **dict.fromkeys(("accuracy", "auc"), "float64"),
     "feasible": "bool",
 }

@@ -25,6 +25,7 @@ from apf.towers.files import read_blocks, read_towers, tower_table, write_blocks
 from apf.towers.sources import BlockSource
 from apf.towers.stability import stands
 from apf.towers.towers import Offset, Towers, random_extensions, random_towers
+from apf.towers.variations import variations
 
 
 @settings
@@ -91,6 +92,10 @@ class TowerDomain(Domain):
     def extend(self, plans: Towers, rng: np.random.Generator) -> Towers:
         """Each plan with one more random placement."""
         return random_extensions(plans, rng, self.offset)
+
+    def vary(self, plans: Towers, rng: np.random.Generator) -> Towers:
+        """As `Domain.vary`. Offsets are relative: what lies above a block that moves, moves along."""
+        return variations(plans, rng, self.offset.limit)
 
     def concatenate(self, parts: Sequence[Towers]) -> Towers:
         """All plans of the parts, which have one length."""

@@ -21,7 +21,20 @@ from apf.towers import NoisyWorld, read_towers, standing_prefixes
 from apf.towers.files import TOWER_COLUMNS
 from integration.command_line import SMOKE, TINY, Result, call
 
-REGRET = ["step", "plans", "task", "problem", "world", "value", "chance", "best_value", "regret", "feasible"]
+REGRET = [
+    "step",
+    "plans",
+    "task",
+    "problem",
+    "world",
+    "value",
+    "chance",
+    "best_value",
+    "regret",
+    "feasible",
+    "search_value",
+    "search_regret",
+]
 ACCURACY = ["step", "plans", "length", "accuracy", "auc", "n"]
 TASKS = ["tallest", "overhang", "unsupported"]
 WORLDS = ["analytic", "noisy"]
@@ -301,6 +314,21 @@ def test_initial_towers_alone_are_a_run_too(here: Path) -> None:
     regret = pd.read_parquet(here / "run" / "regret.parquet")
     assert set(zip(regret["step"], regret["plans"])) == {(0, 8)}
     assert (here / "run" / "weights" / "step_0000.safetensors").exists()
+
+
+@pytest.mark.usefixtures("no_figures")
+@pytest.mark.parametrize("domain", ["towers", "packing"])
+def test_a_run_that_plans_by_search_regrets_what_a_search_would_have_found(here: Path, domain: str) -> None:
+    small = ("planner=search", "planner.start=20", "planner.generations=3", "planner.children=10")
+    call(*TINY, f"domain={domain}", *small, "hydra.run.dir=run").must_work()
+    regret = pd.read_parquet(here / "run" / "regret.parquet")
+    reward = regret["value"] * regret["feasible"]
+    assert (regret["search_value"] >= regret["best_value"]).all()
+    assert ((regret["search_value"] - reward) / regret["search_value"] == regret["search_regret"]).all()
+    assert regret["search_regret"].notna().all()
+    chosen = pd.read_parquet(here / "run" / "evaluation_plans.parquet")
+    assert len(chosen) == 2 * len(regret), "each plan has two placements"
+    call("resume=run").must_work()
 
 
 @pytest.mark.usefixtures("no_figures")
