@@ -58,10 +58,11 @@ def test_the_robot_is_loaded_only_where_it_is_chosen(tmp_path: Path) -> None:
     spawn(["-c", code], cwd=tmp_path).must_work()
 
 
-def test_what_is_not_installed_is_named(tmp_path: Path) -> None:
-    code = "import sys; sys.modules['frankik'] = None; from apf.main import main; main()"
-    result = spawn(["-c", code, "world=panda", "hydra.run.dir=run"], cwd=tmp_path)
-    result.must_refuse("world", "needs frankik", "pip install 'apf[panda]'")
+@pytest.mark.parametrize(("missing", "extra"), [("frankik", "panda"), ("mujoco", "mujoco")])
+def test_what_is_not_installed_is_named(missing: str, extra: str, tmp_path: Path) -> None:
+    code = f"import sys; sys.modules['{missing}'] = None; from apf.main import main; main()"
+    result = spawn(["-c", code, "world=panda", "world/reality=mujoco", "hydra.run.dir=run"], cwd=tmp_path)
+    result.must_refuse("world", f"needs {missing}", f"pip install 'apf[{extra}]'")
 
 
 def test_the_paper_s_experiment_is_the_default() -> None:

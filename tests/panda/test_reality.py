@@ -130,7 +130,7 @@ def test_a_block_stays_in_the_hand(hold: str, slip: float, make: Make, graspable
     assert distance(reality.pose_of(2), pose((0.45, 0.0, graspable.dims[2, 2] / 2))) < 0.003, "and lets go of it"
 
 
-@pytest.mark.parametrize(("beyond", "falls"), [(-0.004, False), (0.004, True)])
+@pytest.mark.parametrize(("beyond", "falls"), [(-0.002, False), (0.002, True)])
 def test_what_leans_too_far_falls(beyond: float, falls: bool, make: Make, graspable: BlockSet) -> None:
     """The centre of mass of the upper block is so far beyond the edge of the lower one."""
     below, above = 2, 0
@@ -156,13 +156,13 @@ def slide(reality: Reality, block: int, speed: float) -> float:
 
 
 @pytest.mark.parametrize("factor", [1.0, 0.6])
-def test_friction_is_the_product_of_both_coefficients(factor: float, make: Make, graspable: BlockSet) -> None:
-    """Sliding ends after v^2 / (2 mu g)."""
-    flat = pose((0.3, 0.3, graspable.dims[3, 0] / 2), np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]]))
+def test_friction_is_the_product_of_both_coefficients(factor: float, make: Make) -> None:
+    """Sliding ends after v^2 / (2 mu g), if the block is too flat to tip."""
+    flat = BlockSet(("flat",), np.array([[0.075, 0.075, 0.03]]), np.zeros((1, 3)), np.array([0.1]))
     reality = make(Flaws(friction=factor))
-    reality.put(3, flat)
+    reality.begin(flat, pose((0.3, 0.3, 0.015))[None], np.random.default_rng(0))
     reality.wait(0.5)
-    assert slide(reality, 3, 0.4) == pytest.approx(0.4**2 / (2 * 0.6 * 0.6 * factor * 9.81), rel=0.06)
+    assert slide(reality, 0, 0.6) == pytest.approx(0.6**2 / (2 * 0.6 * 0.6 * factor * 9.81), rel=0.03)
 
 
 def test_joints_are_said_as_they_are_measured(make: Make) -> None:

@@ -46,15 +46,15 @@ ARRIVING = 0.2
 
 @settings
 class Mujoco(Physics):
-    """MuJoCo: contacts are a little soft, and friction is solved for exactly. Needs `pip install "apf[mujoco]"`."""
+    """MuJoCo: its contacts are a little soft, and nothing that stands creeps. Needs `pip install "apf[mujoco]"`."""
 
-    rate: Annotated[Whole, Field(ge=100, le=10000)] = 500
+    rate: Annotated[Whole, Field(ge=100, le=10000)] = 800
     """Steps in a second."""
     iterations: Few = 100
     """Of the contact solver in each step, at most."""
     friction: Annotated[Number, Field(gt=0, le=10)] = 0.6
     """Coefficient of blocks, table and pedestal; a contact has the product of both bodies' coefficients."""
-    contact: Annotated[Number, Field(ge=0.001, le=1)] = 0.006
+    contact: Annotated[Number, Field(ge=0.001, le=1)] = 0.003
     """Time in which two bodies that overlap are pushed apart [s]; at least two steps."""
     grip: Annotated[Number, Field(ge=1, le=1000)] = 10.0
     """How much stiffer friction is than the contact itself: with 1, what is held slowly slips."""
