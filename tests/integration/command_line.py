@@ -27,6 +27,7 @@ MAINS = {
     "apf.label": apf.label.main,
     "apf.relabel": apf.relabel.main,
     "apf.panda.show": lambda: import_module("apf.panda.show").main(),
+    "apf.panda.sheets": lambda: import_module("apf.panda.sheets").main(),
 }
 
 TINY = (

@@ -6,9 +6,10 @@ import cv2
 import numpy as np
 
 from apf.panda.vision.markers import DICTIONARY, FACES
+from apf.panda.vision.refinement import refined
 
 WINDOW = 3
-"""Half of the window in which a corner is refined [pixels]."""
+"""Half of the window in which a corner is looked for [pixels]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,10 +36,11 @@ def detect(image: np.ndarray, blocks: int) -> list[Detection]:
     corners, numbers, _ = _detector().detectMarkers(image)
     if numbers is None:
         return []
+    places = refined(image, np.reshape(corners, (-1, 4, 2)).astype(float))
     found = [int(number) for number in numbers.ravel()]
     order = sorted(range(len(found)), key=lambda i: found[i])
     return [
-        Detection(*divmod(found[i], FACES), corners[i].reshape(4, 2).astype(float))
+        Detection(*divmod(found[i], FACES), places[i])
         for i in order
         if found.count(found[i]) == 1 and found[i] < FACES * blocks
     ]

@@ -74,6 +74,8 @@ def marker_image(number: int, cell: int = 1) -> np.ndarray:
 def texture(block: int, dims: np.ndarray, colour: tuple[float, ...]) -> np.ndarray:
     """[512, 768, 3] uint8: the six faces of a block, each stretched to a square, in three columns and two rows.
 
+    The edges of a face are at the middles of the first and last pixels of its square, as `mesh` has them.
+
     Args:
         block: Its number.
         dims: [3] its sides [m].
@@ -81,14 +83,18 @@ def texture(block: int, dims: np.ndarray, colour: tuple[float, ...]) -> np.ndarr
     """
     image = np.empty((DOWN * TILE, ACROSS * TILE, 3), np.uint8)
     image[:] = np.round(255 * np.array(colour[:3]))
+    middle = (TILE - 1) / 2
     for face in range(FACES):
         width, height = face_sides(dims, face)
-        with_margin = min(width, height)
-        size = (max(8, round(TILE * with_margin / width)), max(8, round(TILE * with_margin / height)))
-        picture = cv2.resize(marker_image(FACES * block + face, 32), size, interpolation=cv2.INTER_AREA)
+        picture = cv2.cvtColor(marker_image(FACES * block + face, TILE // (CELLS + 2 * MARGIN)), cv2.COLOR_GRAY2RGB)
+        scale = (TILE - 1) / TILE * min(width, height) / np.array([width, height])
+        picture = cv2.GaussianBlur(picture, (0, 0), sigmaX=0.5 / scale[0], sigmaY=0.5 / scale[1])
+        placed = np.column_stack([np.diag(scale), middle * (1 - scale)])
         row, column = divmod(face, ACROSS)
-        x, y = column * TILE + (TILE - size[0]) // 2, row * TILE + (TILE - size[1]) // 2
-        image[y : y + size[1], x : x + size[0]] = picture[..., None]
+        tile = image[row * TILE : (row + 1) * TILE, column * TILE : (column + 1) * TILE]
+        tile[:] = cv2.warpAffine(
+            picture, placed, (TILE, TILE), dst=tile.copy(), flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_TRANSPARENT
+        )
     return image
 
 
