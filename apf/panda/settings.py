@@ -27,7 +27,7 @@ class Sight:
     uncertainty: Annotated[Number, Field(ge=0, le=0.1)] = 0.004
     """Of the cameras beside the table [m]. Blocks may seem to overlap by four times as much; they count as at home
     within as much more."""
-    still: Annotated[Number, Field(gt=0, le=1000)] = 15.0
+    still: Annotated[Number, Field(gt=0, le=1000)] = 8.0
     """A block whose markers are seen within so many pixels of where they should be has not moved."""
     refine: Annotated[Number, Field(gt=0, le=1)] = 0.03
     """The camera on the hand may move the estimate of a block so far before it is grasped [m]; beyond, the robot plans

@@ -66,7 +66,7 @@ class WristCamera(Camera):
     From where it sits, the camera sees a block before it is grasped, after it was put down, and in the hand.
     """
 
-    position: Point = (0.085, 0.0, -0.085)
+    position: Point = (0.085, 0.0, -0.07)
     target: Point = (0.0, 0.0, 0.02)
     width: Annotated[Whole, Field(ge=64, le=8192)] = 640
     """[pixels]"""
