@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import imageio.v3 as imageio
 import numpy as np
 import pandas as pd
 from hydra import compose, initialize_config_dir
@@ -221,9 +222,11 @@ def placement(out: Path) -> Iterator[Row]:
 
 def sight(out: Path) -> Iterator[Row]:
     """What the cameras tell in rendered scenes: of a calibrated robot, and of one without flaws."""
-    from benchmarks.sight import static, wrist
+    from benchmarks.sight import picture, static, wrist
 
     world, blocks = robot()
+    out.mkdir(parents=True, exist_ok=True)
+    imageio.imwrite(out / "sight.png", picture(world, blocks))
     both, hand, unbiased = static(world, blocks), wrist(world, blocks), wrist(exact(world), blocks)
     seen, off = _seen(both["off"]), np.nanmedian(both["off"]) * 1000
     number = len(both["off"])

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 
+import cv2
 import numpy as np
 
 from apf.panda import PandaWorld
@@ -10,7 +11,8 @@ from apf.panda.grasps import Grasp, grasps_of
 from apf.panda.kinematics import REST, forward, inverse_kinematics
 from apf.panda.reality.photographer import Photographer, State
 from apf.panda.stations import posture, tilts
-from apf.panda.vision.cameras import STATIC, WRIST
+from apf.panda.vision.cameras import LEFT, STATIC, WRIST
+from apf.panda.vision.detection import detect, drawn
 from apf.panda.vision.eyes import Eyes
 from apf.rng import stream
 from apf.towers import ROTATIONS, BlockSet
@@ -116,3 +118,16 @@ def _looks(
     if all(len(solutions) for _, solutions, _ in solved):
         for kind, solutions, place in solved:
             yield kind, solutions[0], place
+
+
+def picture(world: PandaWorld, blocks: BlockSet) -> np.ndarray:
+    """[480, 1493, 3] uint8: a scene as the left camera and the one on the hand see it, the markers found drawn in."""
+    sight, rng = Sight(world, blocks), stream(0, "picture of sight")
+    poses = sight.scene(rng)
+    top = poses[int(np.argmax(poses[:, 2, 3]))]
+    above = pose(top[:3, 3] + [0, 0, 0.12], np.diag([1.0, -1.0, -1.0]))
+    q = inverse_kinematics(above, posture(above))[0]
+    true = q + sight.photographer.drawn.zeros
+    images = sight.photographer.images((LEFT, WRIST), blocks, State(poses, true, OPEN, forward(true)), rng)
+    found = [drawn(image, detect(image, len(blocks)), blocks.name) for image in images.values()]
+    return np.hstack([cv2.resize(image, (round(480 * image.shape[1] / image.shape[0]), 480)) for image in found])
