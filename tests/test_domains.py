@@ -193,6 +193,17 @@ def test_what_json_holds_gives_the_same_plans_bit_for_bit(domain):
             domain.encoded_length(other)
 
 
+def test_plans_of_a_problem_are_kept_with_the_objects_of_the_evaluation(domain):
+    """A problem has some of these objects; their numbers in it are not those in the whole set."""
+    plans = domain.problem(3, 20, rng_of(9))
+    encoded = json.loads(json.dumps(domain.encode(plans, evaluation=True)))
+    decoded = domain.decode(encoded, evaluation=True)
+    np.testing.assert_array_equal(domain.features(decoded), domain.features(plans))
+    columns = list(domain.table(plans))
+    assert domain.table(decoded)[columns].equals(domain.table(plans)[columns])
+    assert [domain.encoded_length(plan, evaluation=True) for plan in encoded] == [3] * 20
+
+
 def test_tables_have_a_row_for_each_placement(domain):
     table = domain.table(domain.random_plans(3, 4, rng_of(8)))
     assert table.columns[:2].tolist() == [domain.plan_word, "position"]

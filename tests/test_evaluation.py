@@ -229,16 +229,16 @@ class TestRegret:
             predictor = Draws()
             evaluator, _ = evaluator_with(domain, worlds=worlds)
             regret_of(evaluator, predictor, step=step, labelled=70)
-            assert len(predictor.drew) == 4, "twice about the candidates, twice about the prefixes of what was chosen"
-            chances.append(predictor.drew[2:])
-            drawn.append([*predictor.drew[:2], *worlds["one"].drew, *worlds["other"].drew])
+            assert len(predictor.drew) == 6, "once about candidates, twice about prefixes of the choices"
+            chances.append(predictor.drew[1::3])
+            drawn.append([*predictor.drew[0::3], *worlds["one"].drew, *worlds["other"].drew])
             assert all(len(tower) == 1 for world in worlds.values() for tower in world.tried)
         purposes = [stream(5, "predictor", 3, number) for number in range(2)]
         for world in ("one", "other"):
             purposes += [stream(5, f"reward in {world}", 3, number, task) for number in range(2) for task in range(2)]
         assert drawn[0] == [rng.random() for rng in purposes]
         assert drawn[0] == drawn[1]
-        assert chances[0][0] == stream(5, "chances", 3).random()
+        assert chances[0] == [stream(5, "chances", 3, number).random() for number in range(2)]
         assert chances[0] == chances[1] != chances[2]
         assert len({*drawn[0], *drawn[2]}) == 20
 
@@ -307,6 +307,14 @@ class TestRegret:
                 for each in evaluator.plan(quarter, step=0):
                     assert each.chances == pytest.approx([1.0, chance, chance])
                 assert evaluator.accuracy(quarter, 0, 0)["accuracy"].tolist() == [0.5], "0.6 calls every plan feasible"
+
+    def test_the_chances_are_those_of_the_chosen_plan(self, domain: TowerDomain) -> None:
+        """Of a predictor that knows the blocks: each problem has blocks of its own."""
+        predictor = Says(lambda plans: np.prod(np.cos(5 * plans.dims[..., 0] + 40 * plans.xy[..., 0]) ** 2, axis=-1))
+        evaluator, _ = evaluator_with(domain, problems=4)
+        for each in evaluator.plan(predictor, step=0):
+            expected = predictor.prefix_feasibility(each.plan, np.random.default_rng())[0]
+            np.testing.assert_allclose(each.chances, expected, rtol=1e-12)
 
     def test_without_problems_there_are_no_rows(self, domain: TowerDomain) -> None:
         evaluator, _ = evaluator_with(domain, problems=0)

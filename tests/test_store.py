@@ -95,7 +95,7 @@ def accuracy_table(step: int, accuracy: float) -> pd.DataFrame:
 
 def chosen_plans(domain: Domain) -> list[ChosenPlan]:
     """Two plans of three and two placements, the first executed in two worlds."""
-    one, other = (domain.random_plans(length, 1, np.random.default_rng(length)) for length in (3, 2))
+    one, other = (domain.problem(length, 1, np.random.default_rng(length)) for length in (3, 2))
     noisy = Outcome(np.array([1, 0, -1], np.int8), {"outcome": "fell", "entries": []})
     outcomes = {"analytic": Outcome(np.array([1, 1, 1], np.int8)), "noisy": noisy}
     return [
@@ -462,11 +462,15 @@ class TestEvaluations:
         second, first = read_towers(store.directory / "evaluation_plans.parquet")
         assert (len(first.plans), len(second.plans)) == (1, 2)
         np.testing.assert_allclose(second.plans.xy, np.repeat(chosen[0].plan.xy, 2, axis=0))
+        np.testing.assert_allclose(second.plans.dims, np.repeat(chosen[0].plan.dims, 2, axis=0))
+        names = [chosen[0].plan.blocks.name[b] for b in chosen[0].plan.block[0]]
+        assert table["block"].tolist()[:3] == names
+        assert set(names) <= set(store.domain.evaluation_blocks.name)
         np.testing.assert_array_equal(first.plans.rotation, chosen[1].plan.rotation)
 
     def test_what_came_of_a_chosen_plan_is_kept_until_the_evaluation_is_over(self, store: Store) -> None:
         """Only of worlds that report, and only for the very same plan."""
-        one, other = (store.domain.random_plans(3, 1, np.random.default_rng(seed)) for seed in (0, 1))
+        one, other = (store.domain.problem(3, 1, np.random.default_rng(seed)) for seed in (0, 1))
         slow = Outcome(np.array([1, 0, -1], np.int8), {"outcome": "fell"})
         store.record_outcome(2, "tallest", 1, "panda", one, slow)
         store.record_outcome(2, "tallest", 1, "noisy", one, Outcome(np.array([1, 1, 1], np.int8)))

@@ -141,16 +141,25 @@ class Domain(ABC):
     # -- on disk ------------------------------------------------------------------------------------------------
 
     @abstractmethod
-    def encode(self, plans: Any) -> list[dict[str, Any]]:
-        """Each plan as what JSON can hold; `decode` gives the same plan bit for bit."""
+    def encode(self, plans: Any, evaluation: bool = False) -> list[dict[str, Any]]:
+        """Each plan as what JSON can hold; `decode` gives the same plan bit for bit.
+
+        Args:
+            plans: N plans of one length.
+            evaluation: Are the plans made of the objects of the evaluation, or of those of the experiment?
+        """
 
     @abstractmethod
-    def encoded_length(self, plan: dict[str, Any]) -> int:
-        """How many placements a plan has that `encode` wrote. Raises ValueError if it is not one of this domain."""
+    def encoded_length(self, plan: dict[str, Any], evaluation: bool = False) -> int:
+        """How many placements a plan has that `encode` wrote, as `encode` was told of its objects.
+
+        Raises:
+            ValueError: It is no plan of this domain.
+        """
 
     @abstractmethod
-    def decode(self, plans: Sequence[dict[str, Any]]) -> Any:
-        """The plans, all of one length, that `encode` wrote."""
+    def decode(self, plans: Sequence[dict[str, Any]], evaluation: bool = False) -> Any:
+        """The plans, all of one length, that `encode` wrote, as `encode` was told of their objects."""
 
     @abstractmethod
     def table(self, plans: Any) -> pd.DataFrame:

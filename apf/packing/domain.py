@@ -130,14 +130,16 @@ class PackingDomain(Domain):
         """As `Domain.balanced`: packings of evaluation boxes."""
         return balanced_packings(self.cell, self.evaluation_boxes, length, n, rng, self.places)
 
-    def encode(self, plans: Packings) -> list[dict[str, Any]]:
-        """Each plan as what JSON can hold; `decode` gives the same plan bit for bit."""
-        columns = (plans.box.tolist(), plans.orientation.tolist(), plans.xy.tolist())
+    def encode(self, plans: Packings, evaluation: bool = False) -> list[dict[str, Any]]:
+        """As `Domain.encode`: boxes by their numbers in the whole set."""
+        number = {name: i for i, name in enumerate(self._set(evaluation).name)}
+        box = np.array([number[name] for name in plans.boxes.name])[plans.box]
+        columns = (box.tolist(), plans.orientation.tolist(), plans.xy.tolist())
         return [{"box": b, "orientation": o, "xy": xy} for b, o, xy in zip(*columns, strict=True)]
 
-    def encoded_length(self, plan: dict[str, Any]) -> int:
-        """Number of placements of a plan that `encode` wrote. Raises ValueError if the plan is of another domain."""
-        n = len(self.training_boxes)
+    def encoded_length(self, plan: dict[str, Any], evaluation: bool = False) -> int:
+        """As `Domain.encoded_length`."""
+        n = len(self._set(evaluation))
         match plan:
             case {"box": [*box], "orientation": [*turn], "xy": [*xy]} if len(box) == len(turn) == len(xy) > 0:
                 numbers = all(type(b) is int and 0 <= b < n for b in box)
@@ -146,12 +148,15 @@ class PackingDomain(Domain):
                     return len(box)
         raise ValueError(f"a plan is not box (0 to {n - 1}), orientation and xy of some placements")
 
-    def decode(self, plans: Sequence[dict[str, Any]]) -> Packings:
-        """The plans, all of one length, that `encode` wrote."""
+    def decode(self, plans: Sequence[dict[str, Any]], evaluation: bool = False) -> Packings:
+        """As `Domain.decode`."""
         box = np.array([plan["box"] for plan in plans], np.int16)
         orientation = np.array([plan["orientation"] for plan in plans], np.int8)
         xy = np.array([plan["xy"] for plan in plans], float)
-        return Packings(self.cell, self.training_boxes, box, orientation, xy)
+        return Packings(self.cell, self._set(evaluation), box, orientation, xy)
+
+    def _set(self, evaluation: bool) -> BoxSet:
+        return self.evaluation_boxes if evaluation else self.training_boxes
 
     def table(self, plans: Packings) -> pd.DataFrame:
         """One row per placement, in the columns of a packing file."""

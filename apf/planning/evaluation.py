@@ -1,7 +1,6 @@
 """How good is a predictor? Regret on planning problems, accuracy on balanced test sets (Section Evaluation)."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
 from typing import Annotated, Any, Protocol
 
 import numpy as np
@@ -124,29 +123,35 @@ class Evaluator:
         """
         chosen: list[ChosenPlan] = []
         choices = self.planner.choose(self._problems(step), self.tasks, predictor, self.domain)
-        for problem, found in enumerate(choices):
-            for number, (name, choice) in enumerate(found.items()):
-                outcomes = {}
-                for world_name, world in self.settings.worlds.items():
-                    rng = stream(self.settings.seed, f"reward in {world_name}", step, problem, number)
-                    what = f"the plan chosen for {name} in problem {problem}"
-                    which = (step, name, problem, world_name, choice.plan)
-                    outcome = kept.outcome(*which) if kept else None
-                    if outcome is None:
-                        outcome = carry_out(world, choice.plan, rng, self.time_limit, what)
-                        if kept:
-                            kept.record_outcome(*which, outcome)
-                    outcomes[world_name] = outcome
-                references = self._best_values[problem][name], self._search_values[problem][name]
-                chance = np.array([choice.chance])
-                chosen.append(ChosenPlan(name, problem, choice.plan, choice.value, chance, *references, outcomes))
-        if not chosen:
-            return []
-        plans = self.domain.concatenate([each.plan for each in chosen])
         judge = self.planner.judge(predictor)
-        chances = judge.prefix_feasibility(plans, stream(self.settings.seed, "chances", step))
-        chances[:, -1] = [each.chance for each in chosen]
-        return [replace(each, chances=row) for each, row in zip(chosen, chances, strict=True)]
+        for problem, found in enumerate(choices):
+            plans = self.domain.concatenate([choice.plan for choice in found.values()])
+            chances = judge.prefix_feasibility(plans, stream(self.settings.seed, "chances", step, problem))
+            chances[:, -1] = [choice.chance for choice in found.values()]
+            for number, (name, choice) in enumerate(found.items()):
+                references = self._best_values[problem][name], self._search_values[problem][name]
+                outcomes = self._outcomes(step, number, name, problem, choice.plan, kept)
+                chosen.append(
+                    ChosenPlan(name, problem, choice.plan, choice.value, chances[number], *references, outcomes)
+                )
+        return chosen
+
+    def _outcomes(
+        self, step: int, number: int, task: str, problem: int, plan: Any, kept: Kept | None
+    ) -> dict[str, Outcome]:
+        """What comes of a chosen plan in each world; `number` is that of the task."""
+        outcomes = {}
+        for world_name, world in self.settings.worlds.items():
+            which = (step, task, problem, world_name, plan)
+            outcome = kept.outcome(*which) if kept else None
+            if outcome is None:
+                rng = stream(self.settings.seed, f"reward in {world_name}", step, problem, number)
+                what = f"the plan chosen for {task} in problem {problem}"
+                outcome = carry_out(world, plan, rng, self.time_limit, what)
+                if kept:
+                    kept.record_outcome(*which, outcome)
+            outcomes[world_name] = outcome
+        return outcomes
 
     def accuracy(self, predictor: Predictor, step: int, labelled: int) -> pd.DataFrame:
         """[lengths rows, ACCURACY_COLUMNS]: share of test plans that the predictor calls right at P > 1/2.

@@ -60,7 +60,7 @@ class ChosenPlan:
         return {
             "task": self.task,
             "problem": self.problem,
-            "plan": domain.encode(self.plan)[0],
+            "plan": domain.encode(self.plan, evaluation=True)[0],
             "value": self.value,
             "chances": self.chances.tolist(),
             "outcomes": outcomes,
@@ -99,7 +99,7 @@ def chosen_table(evaluations: Mapping[int, Sequence[dict[str, Any]]], domain: Do
 def _table(rows: list[Row], numbers: list[int], domain: Domain) -> pd.DataFrame:
     """The table of plans of one length. numbers: of the plans."""
     empty = domain.random_plans(1, 0, np.random.default_rng())
-    table = domain.table(domain.decode([each["plan"] for _, each, _, _ in rows]) if rows else empty)
+    table = domain.table(domain.decode([each["plan"] for _, each, _, _ in rows], evaluation=True) if rows else empty)
     row = table[domain.plan_word].to_numpy()
     first = table["position"].to_numpy() == 0
     labels = np.concatenate([labels_of(outcome["labels"]) for *_, outcome in rows] or [np.empty(0, np.int8)])
@@ -132,7 +132,7 @@ def check_chosen(chosen: Any, length_of: Any) -> None:
     for each in chosen:
         if not isinstance(each, dict) or each.keys() != KEYS:
             raise ValueError(f"a chosen plan is not {', '.join(sorted(KEYS))}")
-        length = length_of(each["plan"])
+        length = length_of(each["plan"], True)
         if not isinstance(each["chances"], list) or len(each["chances"]) != length:
             raise ValueError(f"chances are not those of {length} prefixes")
         for outcome in each["outcomes"].values() if isinstance(each["outcomes"], dict) else [None]:

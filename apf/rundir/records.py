@@ -29,8 +29,9 @@ class Proposed(Protocol):
     labels: str | None
 
 
-LengthOf = Callable[[dict[str, Any]], int]
-"""The number of placements of a plan, as the journal holds it; raises ValueError if it is none."""
+LengthOf = Callable[..., int]
+"""The number of placements of a plan, as the journal holds it, and whether an evaluation chose it; raises ValueError if
+it is none."""
 
 
 def check(record: Record, proposed: Sequence[Proposed], length_of: LengthOf) -> None:
@@ -55,7 +56,7 @@ def check(record: Record, proposed: Sequence[Proposed], length_of: LengthOf) -> 
     elif kind in ("label", "correction"):
         _check_labels(record, proposed, length_of)
     elif kind == "reward":
-        length = length_of(record["plan"])
+        length = length_of(record["plan"], True)
         if len(labels_of(record["labels"])) != length:
             raise ValueError(f"labels are not those of {length} prefixes")
     elif kind == "training":

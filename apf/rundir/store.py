@@ -290,7 +290,7 @@ class Store:
             plan: A batch of one. Another plan than the one that was executed has no outcome.
         """
         kept = self._rewards.get((step, task, problem, world))
-        if kept is None or kept["plan"] != self.domain.encode(plan)[0]:
+        if kept is None or kept["plan"] != self.domain.encode(plan, evaluation=True)[0]:
             return None
         return Outcome(labels_of(kept["labels"]), kept["report"])
 
@@ -307,8 +307,9 @@ class Store:
         """
         if outcome.report is None:
             return
-        kept = {"plan": self.domain.encode(plan)[0], "labels": symbols_of(outcome.labels), "report": outcome.report}
-        self._append("reward", step=step, task=task, problem=problem, world=world, **kept)
+        which = {"step": step, "task": task, "problem": problem, "world": world}
+        encoded = self.domain.encode(plan, evaluation=True)[0]
+        self._append("reward", **which, plan=encoded, labels=symbols_of(outcome.labels), report=outcome.report)
 
     def record_evaluation(
         self,

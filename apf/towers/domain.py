@@ -137,28 +137,33 @@ class TowerDomain(Domain):
         """As `Domain.balanced`: towers of evaluation blocks."""
         return balanced_towers(self.evaluation_blocks, length, n, rng, self.offset)
 
-    def encode(self, plans: Towers) -> list[dict[str, Any]]:
-        """Each plan as what JSON can hold; `decode` gives the same plan bit for bit."""
+    def encode(self, plans: Towers, evaluation: bool = False) -> list[dict[str, Any]]:
+        """As `Domain.encode`: blocks by their numbers in the whole set."""
+        number = {name: i for i, name in enumerate(self._set(evaluation).name)}
+        block = np.array([number[name] for name in plans.blocks.name])[plans.block]
         return [
             {"block": b, "rotation": r, "xy": xy}
-            for b, r, xy in zip(plans.block.tolist(), plans.rotation.tolist(), plans.xy.tolist(), strict=True)
+            for b, r, xy in zip(block.tolist(), plans.rotation.tolist(), plans.xy.tolist(), strict=True)
         ]
 
-    def encoded_length(self, plan: dict[str, Any]) -> int:
-        """Number of placements of a plan that `encode` wrote. Raises ValueError if the plan is of another domain."""
-        n = len(self.training_blocks)
+    def encoded_length(self, plan: dict[str, Any], evaluation: bool = False) -> int:
+        """As `Domain.encoded_length`."""
+        n = len(self._set(evaluation))
         match plan:
             case {"block": [*block], "rotation": [*rotation], "xy": [*xy]} if len(block) == len(rotation) == len(xy):
                 if block and all(type(b) is int and 0 <= b < n for b in block):
                     return len(block)
         raise ValueError(f"a plan is not block (0 to {n - 1}), rotation and xy of some placements")
 
-    def decode(self, plans: Sequence[dict[str, Any]]) -> Towers:
-        """The plans, all of one length, that `encode` wrote."""
+    def decode(self, plans: Sequence[dict[str, Any]], evaluation: bool = False) -> Towers:
+        """As `Domain.decode`."""
         block, rotation = (
             np.array([p[key] for p in plans], dtype) for key, dtype in (("block", np.int16), ("rotation", np.int8))
         )
-        return Towers(self.training_blocks, block, rotation, np.array([p["xy"] for p in plans], float))
+        return Towers(self._set(evaluation), block, rotation, np.array([p["xy"] for p in plans], float))
+
+    def _set(self, evaluation: bool) -> BlockSet:
+        return self.evaluation_blocks if evaluation else self.training_blocks
 
     def table(self, plans: Towers) -> pd.DataFrame:
         """One row per placement, in the columns of a tower file."""
