@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import pandas as pd
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from analysis.commands import finished_runs, one_line_errors, parser_of
@@ -67,14 +68,9 @@ def gallery(run: Run, world: str | None, number: int) -> Figure:
     return figure
 
 
-def _draw(ax: "object", rows: pd.DataFrame, towers: Mapping[object, Towers]) -> None:
+def _draw(ax: Axes, rows: pd.DataFrame, towers: Mapping[object, Towers]) -> None:
     """One tower, of whose placements there is a row each."""
-    from matplotlib.axes import Axes
-
-    assert isinstance(ax, Axes)
-    tower = (
-        towers[str(rows["tower"].iloc[0])] if str(rows["tower"].iloc[0]) in towers else towers[rows["tower"].iloc[0]]
-    )
+    tower = towers[rows["tower"].iloc[0]]
     stood = int((rows["label"] == 1).sum())
     draw_in_perspective(ax, tower, stood=stood, names=False)
     fell = stood < len(rows)
