@@ -89,7 +89,8 @@ def test_combination(model: str, sampler: str, world: str, tmp_path: Path) -> No
 
 @pytest.mark.parametrize(("predictor", "world"), list(product(options("predictor"), WORLDS)))
 def test_predictor_and_world_of_the_evaluation_compose(predictor: str, world: str) -> None:
-    config = validate(composed(f"predictor={predictor}", f"world@evaluation.worlds.noisy={world}"))
+    needed = ["predictor.run=run"] if predictor == "trained" else []
+    config = validate(composed(f"predictor={predictor}", *needed, f"world@evaluation.worlds.noisy={world}"))
     assert type(config.evaluation.worlds["noisy"]).__name__.lower() == f"{world}world"
     assert predictor in type(config.predictor).__name__.lower()
 
