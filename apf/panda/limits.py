@@ -8,6 +8,8 @@ from apf.panda.grasps import Gripper, grasps_of
 from apf.panda.kinematics import inverse_kinematics
 from apf.panda.layout import Layout
 from apf.panda.stations import Reach, posture
+from apf.panda.vision.cameras import STATIC, Cameras
+from apf.panda.vision.legibility import too_small
 from apf.towers import BlockSet, Towers
 
 DOWN = np.diag([1.0, -1.0, -1.0])
@@ -40,6 +42,26 @@ def check_blocks(blocks: BlockSet, gripper: Gripper, layout: Layout) -> None:
             raise InputError(f"block {name}: its longest side is {dims.max():.3f} m; it may be {LONGEST:g} m at most")
         if mass > HEAVIEST:
             raise InputError(f"block {name}: its mass is {mass:g} kg; the arm carries at most {HEAVIEST:g} kg")
+
+
+def check_legible(blocks: BlockSet, layout: Layout, cameras: Cameras) -> None:
+    """Raises InputError, naming block, camera and pixels, if no camera beside the table reads a block at home.
+
+    Args:
+        blocks: The set.
+        layout: Places on the table.
+        cameras: Of the robot.
+    """
+    static = {name: camera for name, camera in cameras.named().items() if name in STATIC}
+    places = {name: camera.mounting for name, camera in static.items()}
+    found = too_small(blocks, layout.home_poses(blocks.dims), static, places)
+    for name in blocks.name:
+        of_block = [each for each in found if each.block == name]
+        if len(of_block) == len(static):
+            raise InputError(
+                f"{max(of_block, key=lambda each: each.pixels)}, and no other camera sees it better: it takes larger "
+                "blocks, or a camera that is nearer or has more pixels"
+            )
 
 
 def check_height(height: float, layout: Layout, reach: Reach) -> None:

@@ -18,7 +18,7 @@ from apf.panda.flaws import Flaws
 from apf.panda.geometry import from_vector, to_vector
 from apf.panda.grasps import Gripper
 from apf.panda.layout import Layout
-from apf.panda.limits import check_blocks, check_height, check_places
+from apf.panda.limits import check_blocks, check_height, check_legible, check_places
 from apf.panda.motion import MotionSettings
 from apf.panda.planner import Planner, Search
 from apf.panda.reality import Bullet, Physics, Reality
@@ -70,6 +70,7 @@ class PandaWorld(World):
         """As `World.check`; names the block and the limit."""
         blocks = domain.evaluation_blocks if evaluation else domain.training_blocks
         check_blocks(blocks, self.gripper, self.layout)
+        check_legible(blocks, self.layout, self.cameras)
         tallest = np.sort(blocks.dims.max(1))[::-1][:length].sum()
         check_height(float(tallest), self.layout, self.reach)
 
@@ -106,6 +107,7 @@ class PandaWorld(World):
     def check_plans(self, plans: Towers) -> None:
         """Raises InputError, naming block and limit, if the robot cannot try these towers."""
         check_blocks(plans.blocks, self.gripper, self.layout)
+        check_legible(plans.blocks, self.layout, self.cameras)
         check_height(float(plans.dims[..., 2].sum(1).max(initial=0.0)), self.layout, self.reach)
         check_places(plans, self.layout)
 

@@ -108,6 +108,12 @@ def test_the_config_says_what_the_classes_do() -> None:
         (("world=panda", "sampler.candidates.longest=10"), ("world", "m high", "reaches")),
         (("world=panda", "domain.training.blocks=11"), ("world", "11 blocks", "places for 10")),
         (("world=panda", "world.layout.base=[1.5,0]"), ("world.layout", "base", "x is 1.5", "0.87")),
+        (
+            ("world=panda", "world.cameras.left.focal=200", "world.cameras.right.focal=200"),
+            ("world: camera", "block train_", "pixels wide", "at least 12", "larger blocks"),
+        ),
+        (("world=panda", "world.cameras.left.focal=0"), ("world.cameras.left.focal",)),
+        (("world=panda", "world.cameras.left.target=[0.95,0.75,0.75]"), ("world.cameras.left", "another point")),
         (("world=panda", "world.hold=glue"), ("world.hold", "friction", "constraint")),
         (("world=panda", "world.interventions=never"), ("world.interventions", "auto", "ask", "stop")),
         (("world=panda", "+world.motion.nonsense=1"), ("world.motion.nonsense", "no such key")),
