@@ -20,9 +20,9 @@ import pandas as pd
 
 from apf.domain import UNOBSERVED, Domain, Labelled, Outcome, Scored
 from apf.errors import InputError
-from apf.rundir.chosen import ChosenPlan, chosen_table
+from apf.rundir.chosen import ChosenPlan
 from apf.rundir.claim import STATE
-from apf.rundir.columns import ACCURACY_COLUMNS, DTYPES, REGRET_COLUMNS
+from apf.rundir.evaluations import Evaluations
 from apf.rundir.files import checksum, make_folder, remove_unfinished, replacing
 from apf.rundir.journal import HEADER, End, Journal, Record
 from apf.rundir.kept import read_state
@@ -97,9 +97,7 @@ class Store:
         self._exported = 0
         """Labelled plans when the tables were last written."""
         self._trainings: dict[int, dict[str, float]] = {}
-        self._evaluations: dict[int, Record] = {}
-        self._rewards: dict[tuple[int, str, int, str], Record] = {}
-        """Of evaluations that are not over, by step, task, problem and world."""
+        self._evaluations = Evaluations(domain)
         for number, record in enumerate(self.journal.records, HEADER + 1):
             try:
                 check(record, self._proposed, domain.encoded_length)
@@ -133,11 +131,8 @@ class Store:
                 self._correct(self._proposed[record["plan"]], record["labels"])
             case "training":
                 self._trainings[record["step"]] = record["losses"]
-            case "reward":
-                self._rewards[_key(record)] = record
-            case "evaluation":
-                self._evaluations[record["step"]] = record
-                self._rewards = {key: reward for key, reward in self._rewards.items() if key[0] != record["step"]}
+            case "reward" | "evaluation":
+                self._evaluations.apply(record)
 
     def _label(self, proposal: Proposal, labels: str, report: dict[str, Any] | None) -> None:
         proposal.labels, proposal.report = labels, report
@@ -153,12 +148,10 @@ class Store:
         self.corrections += 1
         proposal.labels, proposal.corrected = labels, True
         self._batches.clear()
-        self._rewards.clear()
         for other in self._proposed:
             other.outdated |= other.step > proposal.step and other.score is not None
-        for learned in (self._trainings, self._evaluations):
-            for step in [step for step in learned if step >= proposal.step]:
-                del learned[step]
+        self._trainings = {step: losses for step, losses in self._trainings.items() if step < proposal.step}
+        self._evaluations.forget(proposal.step)
 
     # -- plans and labels ---------------------------------------------------------------------------------------
 
@@ -289,10 +282,7 @@ class Store:
             world: Where the plan is executed.
             plan: A batch of one. Another plan than the one that was executed has no outcome.
         """
-        kept = self._rewards.get((step, task, problem, world))
-        if kept is None or kept["plan"] != self.domain.encode(plan, evaluation=True)[0]:
-            return None
-        return Outcome(labels_of(kept["labels"]), kept["report"])
+        return self._evaluations.outcome((step, task, problem, world), plan)
 
     def record_outcome(self, step: int, task: str, problem: int, world: str, plan: Any, outcome: Outcome) -> None:
         """Make durable what came of a chosen plan, if the world reported on it: such a world is slow.
@@ -349,23 +339,15 @@ class Store:
 
     def regret(self, step: int | None = None) -> pd.DataFrame:
         """All evaluations so far, or that of a step, in the columns of `regret.parquet`."""
-        return self._evaluation_table("regret", REGRET_COLUMNS, step)
+        return self._evaluations.regret(step)
 
     def accuracy(self, step: int | None = None) -> pd.DataFrame:
         """All evaluations so far, or that of a step, in the columns of `accuracy.parquet`."""
-        return self._evaluation_table("accuracy", ACCURACY_COLUMNS, step)
+        return self._evaluations.accuracy(step)
 
     def evaluation_plans(self) -> pd.DataFrame:
         """All plans that evaluations chose: see `apf.rundir.chosen.chosen_table`."""
-        return chosen_table(
-            {step: self._evaluations[step]["chosen"] for step in sorted(self._evaluations)}, self.domain
-        )
-
-    def _evaluation_table(self, name: str, columns: list[str], step: int | None) -> pd.DataFrame:
-        steps = sorted(self._evaluations) if step is None else [step]
-        rows = [row for step in steps for row in self._evaluations[step][name]]
-        table = pd.DataFrame(rows, columns=columns)
-        return table.astype({column: dtype for column, dtype in DTYPES.items() if column in columns})
+        return self._evaluations.plans()
 
     def plans(self) -> pd.DataFrame:
         """One row per placement of every labelled plan: what came of it, and the columns of the domain's files."""
@@ -406,8 +388,3 @@ class Store:
         for name, table in tables.items():
             write_table(table, self.directory / f"{name}.parquet")
         self._exported = len(self._labelled)
-
-
-def _key(reward: Record) -> tuple[int, str, int, str]:
-    """Which execution of an evaluation a record is about."""
-    return reward["step"], reward["task"], reward["problem"], reward["world"]
