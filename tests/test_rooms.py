@@ -11,7 +11,7 @@ import pytest
 PACKAGE = Path(__file__).parents[1] / "apf"
 FLOORS = (
     ("evaluate",),
-    ("main", "label", "relabel", "panda"),
+    ("main", "label", "relabel", "plan", "panda"),
     ("trained",),
     ("launch",),
     ("schema",),

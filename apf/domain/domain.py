@@ -172,6 +172,16 @@ class Domain(ABC):
     def read_plans(self, path: Path) -> list[NamedPlans]:
         """The plans of somebody's own file, one batch for each length. Raises InputError, naming file and row."""
 
+    def save_picture(self, plan: Any, path: Path, title: str = "") -> bool:
+        """Write a picture of one plan; False, and no file: the domain draws none, as by default.
+
+        Args:
+            plan: A batch of one.
+            path: Of the file: .png, .svg or .pdf.
+            title: Of the picture.
+        """
+        return False
+
     @property
     @abstractmethod
     def objects(self) -> Mapping[str, Objects]:

@@ -162,6 +162,13 @@ class PackingDomain(Domain):
         """One row per placement, in the columns of a packing file."""
         return packing_table(plans)
 
+    def save_picture(self, plan: Packings, path: Path, title: str = "") -> bool:
+        """As `Domain.save_picture`."""
+        from apf.packing.picture import save_picture
+
+        save_picture(plan, path)
+        return True
+
     def read_plans(self, path: Path) -> list[NamedPlans]:
         """The packings of a packing file, in this domain's container."""
         return read_packings(path, self.cell)

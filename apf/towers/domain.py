@@ -169,6 +169,13 @@ class TowerDomain(Domain):
         """One row per placement, in the columns of a tower file."""
         return tower_table(plans)
 
+    def save_picture(self, plan: Towers, path: Path, title: str = "") -> bool:
+        """As `Domain.save_picture`."""
+        from apf.towers.picture import save_picture
+
+        save_picture(plan, path, title)
+        return True
+
     def read_plans(self, path: Path) -> list[NamedPlans]:
         """The towers of a tower file."""
         return read_towers(path)

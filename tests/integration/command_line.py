@@ -15,6 +15,7 @@ from unittest import mock
 import apf.evaluate
 import apf.label
 import apf.main
+import apf.plan
 import apf.relabel
 
 REPOSITORY = Path(__file__).parents[2]
@@ -25,6 +26,7 @@ MAINS = {
     "apf.main": apf.main.main,
     "apf.evaluate": apf.evaluate.main,
     "apf.label": apf.label.main,
+    "apf.plan": apf.plan.main,
     "apf.relabel": apf.relabel.main,
     "apf.panda.show": lambda: import_module("apf.panda.show").main(),
     "apf.panda.sheets": lambda: import_module("apf.panda.sheets").main(),

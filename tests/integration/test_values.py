@@ -20,6 +20,7 @@ from apf.label import LabelConfig
 from apf.launch.cli import MISTAKES, one_line
 from apf.launch.machine import check_machine
 from apf.main import make_model
+from apf.plan import PlanConfig
 from apf.relabel import RelabelConfig
 from apf.schema import validate
 from integration.command_line import TINY, call, options
@@ -146,6 +147,7 @@ def test_all_keys_of_an_option_given_all_values(group: str, option: str) -> None
     ("name", "schema", "given", "unused"),
     [
         ("label", LabelConfig, ["plans=a.csv", "out=b.csv"], ["model", "task"]),
+        ("plan", PlanConfig, ["objects=a.csv"], ["model"]),
         ("relabel", RelabelConfig, ["run=a", "plan=1", "labels='10'"], []),
         ("show", "apf.panda.show.ShowConfig", ["tower=a.csv"], ["domain", "model", "task"]),
         ("sheets", "apf.panda.sheets.SheetsConfig", ["blocks=a.csv"], []),
