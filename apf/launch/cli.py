@@ -82,6 +82,9 @@ def run_command(
     except KeyboardInterrupt as error:
         print(str(error) or "interrupted", file=sys.stderr)
         sys.exit(128 + (error.number if isinstance(error, Interrupted) else 2))
+    except BrokenPipeError:  # who reads what is printed has gone, as `head` does
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(1)
     except Exception as error:
         NewFolders.remove()
         if _show_traceback or (_in_job and not isinstance(error, ONE_LINE)):

@@ -1,6 +1,9 @@
 """The two commands as a user meets them: progress, summary, help, and the same command once more."""
 
+import os
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -9,7 +12,7 @@ from hydra import compose, initialize_config_dir
 
 from apf.config.values import config_dir
 from apf.models import Ensemble
-from integration.command_line import CONF, SMOKE, TINY, Result, call, options, spawn
+from integration.command_line import CONF, SMOKE, TINY, Result, call, child_environment, options, spawn
 
 
 def snapshot(directory: Path) -> dict[str, tuple[int, int]]:
@@ -159,3 +162,14 @@ def test_cfg_job_of_the_label_command(here: Path) -> None:
     assert shown["plans"] == "a.csv"
     assert shown["world"]["noise"] == 0.003
     assert list(here.iterdir()) == []
+
+
+def test_a_reader_that_goes_away_is_no_error(tmp_path: Path) -> None:
+    """As in `python -m apf.label --help | head -1`: the pipe is closed before anything is printed."""
+    reader, writer = os.pipe()
+    os.close(reader)
+    command = [sys.executable, "-m", "apf.label", "--help"]
+    process = subprocess.run(command, cwd=tmp_path, env=child_environment(), stdout=writer, stderr=subprocess.PIPE)
+    os.close(writer)
+    assert process.stderr == b""
+    assert process.returncode == 1
