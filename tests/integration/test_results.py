@@ -43,6 +43,6 @@ def test_an_analysis_once_more(name: str, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_what_the_robot_did_once_more(tmp_path: Path) -> None:
-    run, out = RESULTS / "panda" / "panda_experiment", tmp_path / "statistics.csv"
+    run, out = RESULTS / "robot" / "panda_experiment", tmp_path / "statistics.csv"
     spawn([ANALYSIS / "table_robot.py", run, "--out", out], cwd=tmp_path).must_work()
-    assert out.read_bytes() == (RESULTS / "panda" / "statistics.csv").read_bytes()
+    assert out.read_bytes() == (RESULTS / "robot" / "statistics.csv").read_bytes()
