@@ -15,6 +15,7 @@ from apf.domain import Domain, Outcome, Scored
 from apf.errors import InputError, Stopped
 from apf.rundir.chosen import ChosenPlan
 from apf.rundir.columns import ACCURACY_COLUMNS, REGRET_COLUMNS
+from apf.rundir.evaluations import Execution
 from apf.rundir.store import Store
 from apf.towers import TowerDomain, read_towers
 
@@ -472,20 +473,20 @@ class TestEvaluations:
         """Only of worlds that report, and only for the very same plan."""
         one, other = (store.domain.problem(3, 1, np.random.default_rng(seed)) for seed in (0, 1))
         slow = Outcome(np.array([1, 0, -1], np.int8), {"outcome": "fell"})
-        store.record_outcome(2, "tallest", 1, "panda", one, slow)
-        store.record_outcome(2, "tallest", 1, "noisy", one, Outcome(np.array([1, 1, 1], np.int8)))
+        store.record_outcome(Execution(2, "tallest", 1, "panda"), one, slow)
+        store.record_outcome(Execution(2, "tallest", 1, "noisy"), one, Outcome(np.array([1, 1, 1], np.int8)))
         copy = store.directory.with_name("copy")
         shutil.copytree(store.directory, copy)
         again = Store(copy, store.domain)
-        found = again.outcome(2, "tallest", 1, "panda", one)
+        found = again.outcome(Execution(2, "tallest", 1, "panda"), one)
         assert found is not None
         assert (found.labels.tolist(), found.report) == ([1, 0, -1], {"outcome": "fell"})
-        assert again.outcome(2, "tallest", 1, "panda", other) is None
+        assert again.outcome(Execution(2, "tallest", 1, "panda"), other) is None
         for key in ((1, "tallest", 1, "panda"), (2, "overhang", 1, "panda"), (2, "tallest", 0, "panda")):
-            assert again.outcome(*key, one) is None
-        assert again.outcome(2, "tallest", 1, "noisy", one) is None
+            assert again.outcome(Execution(*key), one) is None
+        assert again.outcome(Execution(2, "tallest", 1, "noisy"), one) is None
         evaluate(again, 2)
-        assert again.outcome(2, "tallest", 1, "panda", one) is None
+        assert again.outcome(Execution(2, "tallest", 1, "panda"), one) is None
         again.close()
 
     def test_tables_are_written_with_each_evaluation(self, filled: Store) -> None:

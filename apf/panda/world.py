@@ -21,7 +21,7 @@ from apf.panda.layout import Layout
 from apf.panda.limits import check_blocks, check_height, check_legible, check_places
 from apf.panda.motion import MotionSettings
 from apf.panda.planner import Planner, Search
-from apf.panda.reality import Bullet, Physics, Reality
+from apf.panda.reality import Bullet, Physics, Reality, Rig
 from apf.panda.reality.photographer import Photographer
 from apf.panda.robot import Robot
 from apf.panda.settings import Arm, Handling, Help, Judging, Recovery, Sight
@@ -123,9 +123,10 @@ class PandaWorld(World):
         if not self._open:
             cameras = self.cameras.named()
             photographer = Photographer(self.layout, cameras, self.flaws.drawn(cameras))
-            reality = self.reality.reality(
-                self.layout, self.arm, self.gripper, self.hold, photographer, self.cameras.wrist, self.gui
+            rig = Rig(
+                self.layout, self.arm, self.gripper, photographer, self.cameras.wrist, hold=self.hold, gui=self.gui
             )
+            reality = self.reality.reality(rig)
             belief = Belief(self.layout, self.cameras.wrist)
             planner = Planner(belief, self.gripper, self.reach, self.motion, self.search, self.sight.overlap)
             robot = Robot(

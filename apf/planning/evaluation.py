@@ -12,6 +12,7 @@ from apf.planning.planner import Planner, Problem
 from apf.rng import stream
 from apf.rundir.chosen import ChosenPlan
 from apf.rundir.columns import ACCURACY_COLUMNS, REGRET_COLUMNS
+from apf.rundir.evaluations import Execution
 from apf.settings import Count, CountOrNone, Length, Seed, settings
 
 PLANNING, TESTING = "planning", "testing"
@@ -53,26 +54,15 @@ class EvaluationSettings:
 class Kept(Protocol):
     """Keeps what came of the plans of an evaluation, so that one that was stopped goes on where it was."""
 
-    def outcome(self, step: int, task: str, problem: int, world: str, plan: Any) -> Outcome | None:
-        """What came of this plan before; None: nothing yet.
-
-        Args:
-            step: Of the evaluation.
-            task: Which the plan was chosen for.
-            problem: Its number.
-            world: Where the plan is executed.
-            plan: A batch of one.
-        """
+    def outcome(self, execution: Execution, plan: Any) -> Outcome | None:
+        """What came of this plan before; None: nothing yet."""
         ...
 
-    def record_outcome(self, step: int, task: str, problem: int, world: str, plan: Any, outcome: Outcome) -> None:
+    def record_outcome(self, execution: Execution, plan: Any, outcome: Outcome) -> None:
         """Keep what came of this plan.
 
         Args:
-            step: Of the evaluation.
-            task: Which the plan was chosen for.
-            problem: Its number.
-            world: Where the plan was executed.
+            execution: Of which evaluation, and where.
             plan: A batch of one.
             outcome: What came of it.
         """
@@ -142,14 +132,14 @@ class Evaluator:
         """What comes of a chosen plan in each world; `number` is that of the task."""
         outcomes = {}
         for world_name, world in self.settings.worlds.items():
-            which = (step, task, problem, world_name, plan)
-            outcome = kept.outcome(*which) if kept else None
+            execution = Execution(step, task, problem, world_name)
+            outcome = kept.outcome(execution, plan) if kept else None
             if outcome is None:
                 rng = stream(self.settings.seed, f"reward in {world_name}", step, problem, number)
                 what = f"the plan chosen for {task} in problem {problem}"
                 outcome = carry_out(world, plan, rng, self.time_limit, what)
                 if kept:
-                    kept.record_outcome(*which, outcome)
+                    kept.record_outcome(execution, plan, outcome)
             outcomes[world_name] = outcome
         return outcomes
 

@@ -1,6 +1,6 @@
 """What the journal holds of evaluations: tables, chosen plans, and executions of an evaluation that is not over."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import pandas as pd
 
@@ -10,8 +10,14 @@ from apf.rundir.columns import ACCURACY_COLUMNS, DTYPES, REGRET_COLUMNS
 from apf.rundir.journal import Record
 from apf.rundir.labels import labels_of
 
-Execution = tuple[int, str, int, str]
-"""Step, task, problem and world of a chosen plan that was executed."""
+
+class Execution(NamedTuple):
+    """Which plan of an evaluation is executed, and where: its step, task and problem, and the name of the world."""
+
+    step: int
+    task: str
+    problem: int
+    world: str
 
 
 class Evaluations:
@@ -26,10 +32,10 @@ class Evaluations:
     def apply(self, record: Record) -> None:
         """Take a record of the journal into account: of an evaluation, or of an execution in one."""
         if record["kind"] == "reward":
-            self._rewards[record["step"], record["task"], record["problem"], record["world"]] = record
+            self._rewards[Execution(*(record[field] for field in Execution._fields))] = record
             return
         self._done[record["step"]] = record
-        self._rewards = {key: reward for key, reward in self._rewards.items() if key[0] != record["step"]}
+        self._rewards = {key: reward for key, reward in self._rewards.items() if key.step != record["step"]}
 
     def forget(self, step: int) -> None:
         """Drop the evaluations from a step on, and executions of any that is not over."""

@@ -22,7 +22,7 @@ from apf.domain import UNOBSERVED, Domain, Labelled, Outcome, Scored
 from apf.errors import InputError
 from apf.rundir.chosen import ChosenPlan
 from apf.rundir.claim import STATE
-from apf.rundir.evaluations import Evaluations
+from apf.rundir.evaluations import Evaluations, Execution
 from apf.rundir.files import checksum, make_folder, remove_unfinished, replacing
 from apf.rundir.journal import HEADER, End, Journal, Record
 from apf.rundir.kept import read_state
@@ -272,34 +272,23 @@ class Store:
         done = self._evaluations.get(step)
         return done is not None and (done["weights"] is None or done["weights"] == checksum(self.weights(step)))
 
-    def outcome(self, step: int, task: str, problem: int, world: str, plan: Any) -> Outcome | None:
-        """What came of a chosen plan in an evaluation that was stopped; None: it was not executed yet.
+    def outcome(self, execution: Execution, plan: Any) -> Outcome | None:
+        """What came of a chosen plan in an evaluation that was stopped; None: this plan was not executed yet."""
+        return self._evaluations.outcome(execution, plan)
 
-        Args:
-            step: Of the evaluation.
-            task: Which the plan was chosen for.
-            problem: Its number.
-            world: Where the plan is executed.
-            plan: A batch of one. Another plan than the one that was executed has no outcome.
-        """
-        return self._evaluations.outcome((step, task, problem, world), plan)
-
-    def record_outcome(self, step: int, task: str, problem: int, world: str, plan: Any, outcome: Outcome) -> None:
+    def record_outcome(self, execution: Execution, plan: Any, outcome: Outcome) -> None:
         """Make durable what came of a chosen plan, if the world reported on it: such a world is slow.
 
         Args:
-            step: Of the evaluation.
-            task: Which the plan was chosen for.
-            problem: Its number.
-            world: Where the plan was executed.
+            execution: Of which evaluation, and where.
             plan: A batch of one.
             outcome: What came of it.
         """
         if outcome.report is None:
             return
-        which = {"step": step, "task": task, "problem": problem, "world": world}
         encoded = self.domain.encode(plan, evaluation=True)[0]
-        self._append("reward", **which, plan=encoded, labels=symbols_of(outcome.labels), report=outcome.report)
+        labels = symbols_of(outcome.labels)
+        self._append("reward", **execution._asdict(), plan=encoded, labels=labels, report=outcome.report)
 
     def record_evaluation(
         self,

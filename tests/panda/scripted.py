@@ -7,7 +7,8 @@ from apf.panda.geometry import inverse, moved, pose
 from apf.panda.grasps import Grasp, Gripper, grasps_of
 from apf.panda.kinematics import REST, forward, inverse_kinematics, straight
 from apf.panda.layout import Layout
-from apf.panda.reality import Physics, Reality
+from apf.panda.reality import Physics, Reality, Rig
+from apf.panda.reality.base import Hold
 from apf.panda.reality.photographer import Photographer
 from apf.panda.settings import Arm
 from apf.panda.vision.cameras import Cameras
@@ -15,10 +16,10 @@ from apf.panda.vision.cameras import Cameras
 FAST, CAREFUL, ABOVE = 1.5, 0.6, 0.1
 
 
-def reality_of(physics: Physics, flaws: Flaws | None = None, hold: str = "friction") -> Reality:
+def reality_of(physics: Physics, flaws: Flaws | None = None, hold: Hold = "friction", gui: bool = False) -> Reality:
     cameras, layout = Cameras(), Layout()
     photographer = Photographer(layout, cameras.named(), (flaws or Flaws()).drawn(cameras.named()))
-    return physics.reality(layout, Arm(), Gripper(), hold, photographer, cameras.wrist, False)  # type: ignore[arg-type]
+    return physics.reality(Rig(layout, Arm(), Gripper(), photographer, cameras.wrist, hold, gui))
 
 
 def from_above(dims: np.ndarray) -> Grasp:

@@ -12,6 +12,8 @@ from apf.panda.geometry import angle, distance, inverse, pose
 from apf.panda.kinematics import REST, forward
 from apf.panda.layout import Layout
 from apf.panda.reality import Bullet, Physics, Reality
+from apf.panda.reality.base import Hold
+from apf.panda.reality.bullet import BulletReality
 from apf.panda.reality.mujoco import Mujoco, MujocoReality
 from apf.panda.vision.cameras import LEFT, WRIST
 from apf.towers import BlockSet
@@ -37,7 +39,7 @@ def make(physics: Physics, graspable: BlockSet) -> Iterator[Make]:
     """`make(flaws, hold=..., poses=...)`: a reality of this physics that has begun; by default blocks are at home."""
     made = []
 
-    def make(flaws: Flaws | None = None, hold: str = "friction", poses: np.ndarray | None = None) -> Reality:
+    def make(flaws: Flaws | None = None, hold: Hold = "friction", poses: np.ndarray | None = None) -> Reality:
         reality = reality_of(physics, flaws, hold)
         made.append(reality)
         reality.begin(graspable, homes_of(graspable) if poses is None else poses, np.random.default_rng(0))
@@ -149,7 +151,8 @@ def slide(reality: Reality, block: int, speed: float) -> float:
     if isinstance(reality, MujocoReality):
         reality.data.joint(f"block_{block}").qvel[0] = speed
     else:
-        reality.client.resetBaseVelocity(reality.scene.bodies[block], (speed, 0, 0))  # type: ignore[attr-defined]
+        assert isinstance(reality, BulletReality)
+        reality.client.resetBaseVelocity(reality.scene.bodies[block], (speed, 0, 0))
     before = reality.pose_of(block)
     reality.wait(1.0)
     return distance(before, reality.pose_of(block))
@@ -214,6 +217,6 @@ def test_cameras_see_reality(make: Make, graspable: BlockSet) -> None:
 
 def test_what_mujoco_refuses() -> None:
     with pytest.raises(InputError, match="no window"):
-        Mujoco().reality(*[None] * 6, gui=True)  # type: ignore[arg-type]
+        reality_of(Mujoco(), gui=True)
     with pytest.raises(ValidationError, match="two steps of 1/250 s"):
         Mujoco(rate=250)

@@ -2,6 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any, Literal, Protocol
 
 import numpy as np
@@ -14,6 +15,9 @@ from apf.panda.settings import Arm
 from apf.panda.vision.cameras import WristCamera
 from apf.settings import settings
 from apf.towers import BlockSet
+
+Hold = Literal["friction", "constraint"]
+"""How the hand holds a block: by friction alone, or tied to the hand, too."""
 
 
 class Reality(Hardware, Person, Protocol):
@@ -57,29 +61,33 @@ class Reality(Hardware, Person, Protocol):
         ...
 
 
+@dataclass(frozen=True, eq=False)
+class Rig:
+    """What a reality is made of, whatever its physics.
+
+    Attributes:
+        layout: Places on the table.
+        arm: Speeds of the joints.
+        gripper: What the fingers can hold.
+        photographer: Takes the images; it knows the flaws of this robot.
+        wrist: The camera on the hand.
+        hold: How the hand holds a block: by friction alone, or tied to the hand, too (constraint).
+        gui: Show a window?
+    """
+
+    layout: Layout
+    arm: Arm
+    gripper: Gripper
+    photographer: Photographer
+    wrist: WristCamera
+    hold: Hold = "friction"
+    gui: bool = False
+
+
 @settings
 class Physics(ABC):
     """The physics of a reality."""
 
     @abstractmethod
-    def reality(
-        self,
-        layout: Layout,
-        arm: Arm,
-        gripper: Gripper,
-        hold: Literal["friction", "constraint"],
-        photographer: Photographer,
-        wrist: WristCamera,
-        gui: bool,
-    ) -> Reality:
-        """A reality of this physics.
-
-        Args:
-            layout: Places on the table.
-            arm: Speeds of the joints.
-            gripper: What the fingers can hold.
-            hold: How the hand holds a block: by friction alone, or tied to the hand, too (constraint).
-            photographer: Takes the images; it knows the flaws of this robot.
-            wrist: The camera on the hand.
-            gui: Show a window?
-        """
+    def reality(self, rig: Rig) -> Reality:
+        """A reality of this physics. Raises InputError if the physics has no window, and one is wanted."""

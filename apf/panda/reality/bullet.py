@@ -1,19 +1,14 @@
 """A robot at work in PyBullet: physics, joint control, and a gripper that holds by friction."""
 
-from typing import Annotated, Literal
+from typing import Annotated
 
 import numpy as np
 from pydantic import Field
 
 from apf.panda.geometry import from_vector, inverse, to_vector
-from apf.panda.grasps import Gripper
-from apf.panda.layout import Layout
-from apf.panda.reality.base import Physics, Reality
-from apf.panda.reality.photographer import Photographer
+from apf.panda.reality.base import Physics, Reality, Rig
 from apf.panda.reality.simulated import ARM_FORCES, Simulated
 from apf.panda.scene import ARM, FINGERS, HAND, LEFT, RIGHT, TARGET, Scene
-from apf.panda.settings import Arm
-from apf.panda.vision.cameras import WristCamera
 from apf.settings import Few, Number, Whole, settings
 from apf.towers import BlockSet
 
@@ -29,28 +24,9 @@ class Bullet(Physics):
     friction: Annotated[Number, Field(gt=0, le=10)] = 0.6
     """Coefficient of blocks, table and pedestal."""
 
-    def reality(
-        self,
-        layout: Layout,
-        arm: Arm,
-        gripper: Gripper,
-        hold: Literal["friction", "constraint"],
-        photographer: Photographer,
-        wrist: WristCamera,
-        gui: bool,
-    ) -> Reality:
-        """See `Physics.reality`.
-
-        Args:
-            layout: Places on the table.
-            arm: Speeds of the joints.
-            gripper: What the fingers can hold.
-            hold: How the hand holds a block: by friction alone, or tied to the hand, too (constraint).
-            photographer: Takes the images; it knows the flaws of this robot.
-            wrist: The camera on the hand.
-            gui: Show a window?
-        """
-        return BulletReality(layout, self, arm, gripper, hold, photographer, wrist, gui)
+    def reality(self, rig: Rig) -> Reality:
+        """See `Physics.reality`."""
+        return BulletReality(self, rig)
 
 
 class _Bodies(Scene):
@@ -63,30 +39,14 @@ class BulletReality(Simulated):
     """A robot and its table in PyBullet, behind `apf.panda.hardware.Hardware`.
 
     Args:
-        layout: Places on the table.
         physics: Settings of the simulation.
-        arm: Speeds of the joints.
-        gripper: What the fingers can hold.
-        hold: How the hand holds a block: by friction alone, or tied to the hand, too (constraint).
-        photographer: Takes the images; it knows the flaws of this robot.
-        wrist: The camera on the hand.
-        gui: Show a window?
+        rig: Robot, table and cameras.
     """
 
-    def __init__(
-        self,
-        layout: Layout,
-        physics: Bullet,
-        arm: Arm,
-        gripper: Gripper,
-        hold: Literal["friction", "constraint"],
-        photographer: Photographer,
-        wrist: WristCamera,
-        gui: bool = False,
-    ) -> None:
-        super().__init__(arm, photographer, physics.rate)
-        self.physics, self.gripper, self.hold = physics, gripper, hold
-        self.scene = _Bodies(layout, wrist, gui)
+    def __init__(self, physics: Bullet, rig: Rig) -> None:
+        super().__init__(rig.arm, rig.photographer, physics.rate)
+        self.physics, self.gripper, self.hold = physics, rig.gripper, rig.hold
+        self.scene = _Bodies(rig.layout, rig.wrist, rig.gui)
         self.client = self.scene.client
         self._tied: int | None = None
 

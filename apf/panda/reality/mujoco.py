@@ -1,20 +1,15 @@
 """A robot at work in MuJoCo: physics, joint control, and a gripper that holds by friction."""
 
-from typing import Annotated, Literal
+from typing import Annotated
 
 import numpy as np
 from pydantic import Field, model_validator
 
 from apf.errors import InputError
 from apf.panda.geometry import from_vector, inverse, pose, to_vector
-from apf.panda.grasps import Gripper
-from apf.panda.layout import Layout
-from apf.panda.reality.base import Physics, Reality
-from apf.panda.reality.photographer import Photographer
+from apf.panda.reality.base import Physics, Reality, Rig
 from apf.panda.reality.simulated import ARM_FORCES, Simulated
 from apf.panda.scene import OPEN
-from apf.panda.settings import Arm
-from apf.panda.vision.cameras import WristCamera
 from apf.settings import Few, Number, Whole, settings
 from apf.towers import BlockSet
 
@@ -65,59 +60,25 @@ class Mujoco(Physics):
             raise ValueError(f"contact={self.contact:g} is less than two steps of 1/{self.rate} s")
         return self
 
-    def reality(
-        self,
-        layout: Layout,
-        arm: Arm,
-        gripper: Gripper,
-        hold: Literal["friction", "constraint"],
-        photographer: Photographer,
-        wrist: WristCamera,
-        gui: bool,
-    ) -> Reality:
-        """See `Physics.reality`.
-
-        Args:
-            layout: Places on the table.
-            arm: Speeds of the joints.
-            gripper: What the fingers can hold.
-            hold: How the hand holds a block: by friction alone, or tied to the hand, too (constraint).
-            photographer: Takes the images; it knows the flaws of this robot.
-            wrist: The camera on the hand.
-            gui: Show a window? There is none for this physics.
-        """
-        return MujocoReality(layout, self, arm, gripper, hold, photographer, wrist, gui)
+    def reality(self, rig: Rig) -> Reality:
+        """See `Physics.reality`."""
+        return MujocoReality(self, rig)
 
 
 class MujocoReality(Simulated):
     """A robot and its table in MuJoCo, behind `apf.panda.hardware.Hardware`.
 
     Args:
-        layout: Places on the table.
         physics: Settings of the simulation.
-        arm: Speeds of the joints.
-        gripper: What the fingers can hold.
-        hold: How the hand holds a block: by friction alone, or tied to the hand, too (constraint).
-        photographer: Takes the images; it knows the flaws of this robot.
-        wrist: The camera on the hand.
-        gui: Show a window? There is none for this physics.
+        rig: Robot, table and cameras.
     """
 
-    def __init__(
-        self,
-        layout: Layout,
-        physics: Mujoco,
-        arm: Arm,
-        gripper: Gripper,
-        hold: Literal["friction", "constraint"],
-        photographer: Photographer,
-        wrist: WristCamera,
-        gui: bool = False,
-    ) -> None:
-        if gui:
+    def __init__(self, physics: Mujoco, rig: Rig) -> None:
+        if rig.gui:
             raise InputError("gui=true: MuJoCo's reality has no window; choose world/reality=bullet")
-        super().__init__(arm, photographer, physics.rate)
-        self.layout, self.physics, self.gripper, self.hold, self.wrist = layout, physics, gripper, hold, wrist
+        super().__init__(rig.arm, rig.photographer, physics.rate)
+        self.layout, self.wrist = rig.layout, rig.wrist
+        self.physics, self.gripper, self.hold = physics, rig.gripper, rig.hold
 
     def close(self) -> None:
         """Give everything back."""
