@@ -51,7 +51,7 @@ def urdf(wrist: WristCamera) -> str:
 
 
 def _add_camera(robot: ElementTree.Element, wrist: WristCamera) -> None:
-    """A cube that collides, around where the camera on the hand is. It is not drawn: the camera would see it."""
+    """A cube that collides, around where the camera on the hand is. PyBullet draws it; from within it is not seen."""
     link = ElementTree.SubElement(robot, "link", name="panda_camera")
     inertial = ElementTree.SubElement(link, "inertial")
     ElementTree.SubElement(inertial, "mass", value="0.03")
