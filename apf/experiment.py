@@ -158,6 +158,8 @@ class Experiment:
         except FloatingPointError as error:
             raise Stopped(f"training diverged in step {step}: {error}; try a lower training.learning_rate") from None
         losses = {f"loss/{name}": loss for name, loss in history.kept_losses.items()}
+        if history.restarts:
+            losses["members/restarted"] = float(history.restarts)
         self.store.record_training(step, losses)
         self.tracker.log(Metrics(step, Phase.LEARNED, self.store.count(until=step), losses))
 

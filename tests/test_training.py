@@ -23,6 +23,7 @@ from apf.models import updates as updates_module
 from apf.models.batches import batches, batches_of
 from apf.models.examples import examples
 from apf.models.kernels import passes_of
+from apf.models.layers import EnsembleLinear
 from apf.models.passes import Passes
 from apf.models.training import CHECK, History, fit
 from apf.models.updates import Rates, Updates, validation_loss
@@ -154,6 +155,37 @@ def test_stopped_early_each_member_keeps_the_weights_of_its_own_best_check(monke
     for number, weight in enumerate(model.network.parameters()):
         for member, check in enumerate([1, 2]):
             assert torch.equal(weight[member], seen[check][number][member])
+
+
+@pytest.mark.parametrize("deaths", [1, 2])
+def test_a_member_that_has_died_is_trained_again_and_the_others_stay_as_they_are(
+    monkeypatch: pytest.MonkeyPatch, deaths: int
+) -> None:
+    """Member 1 starts with units that are 0 for every plan; so may the one that takes its place."""
+    train, plans = [labelled(3, 40, 1), labelled(4, 40, 2)], DOMAIN.random_plans(4, 100, np.random.default_rng(0))
+    alive = ensemble(updates=300)
+    assert alive.fit(train, [], np.random.default_rng(0)).restarts == 0
+    reset, killed = EnsembleNetwork.reset, []
+
+    def deadly(network: EnsembleNetwork, generators: list[torch.Generator]) -> None:
+        reset(network, generators)
+        if len(killed) < deaths:
+            killed.append(len(generators))
+            *_, hidden, _ = (layer for layer in network.modules() if isinstance(layer, EnsembleLinear))
+            hidden.weight.data[min(1, len(generators) - 1)] = 0
+            hidden.bias.data[min(1, len(generators) - 1)] = -1
+
+    monkeypatch.setattr(EnsembleNetwork, "reset", deadly)
+    model = ensemble(updates=300)
+    history = model.fit(train, [], np.random.default_rng(0))
+    assert killed == [3, 1][:deaths]
+    assert history.restarts == deaths
+    assert not len(model.dead(examples(train, Kind.SUBSEQUENCE, DOMAIN)))
+    said, expected = model.predict(plans).numpy(), alive.predict(plans).numpy()
+    np.testing.assert_array_equal(said[[0, 2]], expected[[0, 2]])
+    assert said[1].std(0).min() > 0.05
+    assert history.train_loss.shape == (6, 3)
+    assert (history.train_loss[-1] < 0.5).all()
 
 
 def the_weights(optimiser: torch.optim.AdamW) -> torch.Tensor:
