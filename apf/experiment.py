@@ -2,7 +2,7 @@
 
 import math
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -54,12 +54,14 @@ class Execution:
 class Experiment:
     """One run: the parts that the config composed, and the loop that joins them.
 
-    plans: how many to label in all, the initial ones included. every: labelled plans between evaluations.
+    plans: how many to label in all, the initial ones included. every: labelled plans between evaluations. at: other
+    numbers of labelled plans at which to evaluate.
     """
 
     seed: int
     plans: int
     every: int
+    at: Sequence[int]
     initial: Initial
     acquisition: Acquisition
     execution: Execution
@@ -115,9 +117,13 @@ class Experiment:
         return work
 
     def due(self, step: int) -> bool:
-        """Is this step evaluated? Whenever another `every` plans are labelled, and the last; not the initial model."""
-        labelled, before = self.labelled_after(step), self.labelled_after(step - 1)
-        return (step > 0 and labelled // self.every > before // self.every) or step == self.steps
+        """Is this step evaluated? Whenever another `every` plans are labelled, at the numbers `at`, and the last.
+
+        The initial model is evaluated only if the initial plans are as many as one of those numbers, or more.
+        """
+        labelled, before = self.labelled_after(step), self.labelled_after(step - 1) if step else 0
+        another = step > 0 and labelled // self.every > before // self.every
+        return another or any(before < number <= labelled for number in self.at) or step == self.steps
 
     def choose(self, step: int) -> None:
         """Decide which plans to try: random ones first, then those that the model would learn most from."""

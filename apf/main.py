@@ -158,6 +158,7 @@ def make_experiment(config: Config, model: Ensemble, store: Store, tracker: Trac
         seed=config.seed,
         plans=config.plans,
         every=config.evaluation.every,
+        at=config.evaluation.at,
         initial=config.initial,
         acquisition=config.acquisition,
         execution=config.execution,

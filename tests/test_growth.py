@@ -69,6 +69,7 @@ def experiment(store: Store, towers: int) -> Experiment:
         seed=0,
         plans=towers,
         every=100,
+        at=(),
         initial=Initial(train=INITIAL // 2, validation=INITIAL // 2),
         acquisition=Acquisition(plans=EACH, validation=2),
         execution=Execution(time_limit=None),

@@ -49,6 +49,8 @@ class EvaluationSettings:
     seed: Seed
     worlds: Annotated[dict[str, World], Field(min_length=1)]
     """Where a chosen plan is executed for its reward, each by a name of its own."""
+    at: list[Count] = Field(default_factory=list)
+    """Other numbers of labelled plans at which to evaluate."""
 
 
 class Kept(Protocol):
