@@ -25,7 +25,7 @@ CHOICES = [
     *([f"domain={path.stem}"] for path in sorted((CONF / "domain").glob("*.yaml"))),
     *([f"sampler={path.stem}"] for path in sorted((CONF / "sampler").glob("*.yaml"))),
     *([f"model={path.stem}"] for path in sorted((CONF / "model").glob("*.yaml"))),
-    *([f"predictor={name}"] for name in ("learned", "analytic", "simulation")),
+    *([f"predictor={name}"] for name in ("learned", "analytic", "simulation", "oracle")),
     *(["world=panda", "world/flaws=exact", f"world/reality={name}"] for name in ("bullet", "mujoco")),
     ["predictor=trained", "predictor.run=run"],
     *([f"planner={name}"] for name in ("monte_carlo", "search")),
