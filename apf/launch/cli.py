@@ -22,6 +22,7 @@ from apf.config.values import config_dir
 from apf.errors import InputError, Stopped
 from apf.interrupts import Interrupted, end_with_parent, watch_signals
 from apf.rundir.resume import quoted
+from apf.source import version_line
 from apf.terminal import accept_any_name
 
 MISTAKES = (InputError, HydraException, OmegaConfBaseException)
@@ -70,6 +71,9 @@ def run_command(
     """
     global _in_job
     _in_job = False
+    if "--version" in sys.argv[1:]:  # Hydra would print its own
+        print(version_line())
+        return
     os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra then hands its exceptions on
     try:
         watch_signals()

@@ -1,17 +1,15 @@
-"""python -m apf.label: label every prefix of somebody's own plans."""
+"""What `python -m apf.label` does: label every prefix of somebody's own plans."""
 
 from collections.abc import Sequence
 from pathlib import Path
 
-import hydra
 import numpy as np
 import pandas as pd
 from omegaconf import DictConfig
 
 from apf.config.build import build
-from apf.config.values import config_dir, without
+from apf.config.values import without
 from apf.domain import UNOBSERVED, Domain, NamedPlans, World
-from apf.launch.cli import one_line_errors, run_command
 from apf.rng import stream
 from apf.rundir.tables import check_ending, write_table
 from apf.settings import Seed, settings
@@ -28,9 +26,7 @@ class LabelConfig:
     seed: Seed
 
 
-@hydra.main(version_base="1.3", config_path=config_dir(), config_name="label")
-@one_line_errors
-def job(cfg: DictConfig) -> None:
+def work(cfg: DictConfig) -> None:
     """Read, execute, write one row per placement: the plan's name, position, label (empty after the first fall)."""
     config = build(without(cfg, "model", "task"), LabelConfig)
     check_ending(config.out)
@@ -61,12 +57,3 @@ def label_table(batches: Sequence[NamedPlans], labels: Sequence[np.ndarray], wor
             "label": pd.arrays.IntegerArray(label, label == UNOBSERVED),
         }
     )
-
-
-def main() -> None:
-    """Entry point of the command."""
-    run_command(job)
-
-
-if __name__ == "__main__":
-    main()

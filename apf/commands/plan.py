@@ -1,16 +1,14 @@
-"""python -m apf.plan objects=FILE task=NAME run=DIR: the best plan found for somebody's own objects."""
+"""What `python -m apf.plan` does: the best plan found for somebody's own objects."""
 
 from pathlib import Path
 
-import hydra
 import numpy as np
 from omegaconf import DictConfig, OmegaConf
 
 from apf.config.build import build
-from apf.config.values import config_dir, without
+from apf.config.values import without
 from apf.domain import Domain, Predictor, Task
 from apf.errors import InputError
-from apf.launch.cli import one_line_errors, run_command
 from apf.models import Ensemble
 from apf.planning import Choice, Planner, Problem
 from apf.rng import stream
@@ -36,9 +34,7 @@ class PlanConfig:
     predictor: Predictor | None
 
 
-@hydra.main(version_base="1.3", config_path=config_dir(), config_name="plan")
-@one_line_errors
-def job(cfg: DictConfig) -> None:
+def work(cfg: DictConfig) -> None:
     """Plan, say what was found, and write it."""
     cfg = without(cfg, "model")
     if not OmegaConf.is_missing(cfg, "objects"):
@@ -96,12 +92,3 @@ def plan(domain: Domain, task: Task, predictor: Predictor, planner: Planner, len
     problem = Problem(domain.random_plans(length, planner.candidates, rng), np.random.default_rng(rng.integers(2**63)))
     (found,) = planner.choose([problem], {"task": task}, predictor, domain)
     return found["task"]
-
-
-def main() -> None:
-    """Entry point of the command."""
-    run_command(job)
-
-
-if __name__ == "__main__":
-    main()

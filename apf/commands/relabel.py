@@ -1,18 +1,15 @@
-"""python -m apf.relabel: what an operator saw of a plan differs from what was recorded."""
+"""What `python -m apf.relabel` does: what an operator saw of a plan differs from what was recorded."""
 
 import shlex
 import sys
 from pathlib import Path
 
-import hydra
 import numpy as np
 from omegaconf import DictConfig, OmegaConf
 
 from apf.config.build import build
-from apf.config.values import config_dir
 from apf.domain import Domain, are_labels
 from apf.errors import InputError
-from apf.launch.cli import one_line_errors, run_command
 from apf.rundir.claim import CONFIG, JOURNAL, STATE, locked
 from apf.rundir.directory import check_objects, reopen
 from apf.rundir.labels import VALUE
@@ -39,9 +36,7 @@ class KeptDomain:
     domain: Domain
 
 
-@hydra.main(version_base="1.3", config_path=config_dir(), config_name="relabel")
-@one_line_errors
-def job(cfg: DictConfig) -> None:
+def work(cfg: DictConfig) -> None:
     """Record the correction; the tables follow at once, what was learned since at the next resume."""
     if "labels" in cfg and isinstance(cfg.labels, int):
         cfg.labels = str(cfg.labels)
@@ -88,12 +83,3 @@ def checked(labels: str, length: int) -> str:
     if not are_labels(np.array([VALUE[symbol] for symbol in padded])):
         raise InputError(f"labels is {labels}; {right}")
     return padded
-
-
-def main() -> None:
-    """Entry point of the command."""
-    run_command(job)
-
-
-if __name__ == "__main__":
-    main()
