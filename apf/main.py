@@ -28,7 +28,7 @@ def resumed(arguments: list[str]) -> list[str]:
 
 def main() -> None:
     """Entry point of the command."""
-    run_command(job, resumed)
+    run_command(job, "apf", resumed)
 
 
 if __name__ == "__main__":
