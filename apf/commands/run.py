@@ -1,6 +1,9 @@
 """What `python -m apf.main` does: check, run, report."""
 
+import functools
 import sys
+import tempfile
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +21,9 @@ from apf.launch.machine import check_machine, check_weights
 from apf.models import Ensemble, pick_device
 from apf.planning import Evaluator, Learned, Trained
 from apf.planning.objective import must_be_number, optimises, returned
+from apf.report.pictures import curves, plan_pictures
 from apf.report.summary import print_summary, save_figures
-from apf.rundir.claim import CONFIG, WORLD_TABLE, locked
+from apf.rundir.claim import CONFIG, TABLES, WORLD_TABLE, locked
 from apf.rundir.directory import begin, check, finish, output_directory, resumable
 from apf.rundir.kept import read_state
 from apf.rundir.resume import RESUME, go_where_it_began
@@ -27,7 +31,7 @@ from apf.rundir.store import Store
 from apf.rundir.tables import write_table
 from apf.rundir.versions import changed
 from apf.schema import Config, settle
-from apf.tracking import ConsoleTracker, RunInfo, Tracker, Trackers, log_end
+from apf.tracking import ConsoleTracker, RunFiles, RunInfo, Tracker, Trackers, log_end
 from apf.trained import load_ensemble, with_objects_of
 
 
@@ -83,10 +87,20 @@ def run(directory: Path, plain_config: dict[str, Any], config: Config, model: En
     store = Store(directory, config.domain)
     state = read_state(directory)
     console = ConsoleTracker()
-    tracker = Trackers([console, config.tracker])
+    mirrors = config.tracker.values() if isinstance(config.tracker, dict) else [config.tracker]
+    tracker = Trackers([console, *mirrors])
     experiment = make_experiment(config, model, store, tracker)
     identifier = f"{state['id']}-{store.corrections}" if store.corrections else state["id"]
-    info = RunInfo(state["name"], identifier, directory, plain_config, state["sweep"], experiment.history())
+    info = RunInfo(
+        state["name"],
+        identifier,
+        directory,
+        plain_config,
+        state["sweep"],
+        experiment.history(),
+        words(state),
+        about(state),
+    )
     failed = True
     try:
         tracker.start(info)
@@ -104,6 +118,8 @@ def run(directory: Path, plain_config: dict[str, Any], config: Config, model: En
         if table is not None:
             write_table(table, directory / WORLD_TABLE)
         save_figures(directory)
+        with tempfile.TemporaryDirectory(prefix="apf-") as folder:
+            tracker.keep(run_files(directory, config, Path(folder)))
         finish(directory, store.journal)
         failed = False
     except BaseException as error:
@@ -115,6 +131,35 @@ def run(directory: Path, plain_config: dict[str, Any], config: Config, model: En
             world.close()
         store.close()
     print_summary(directory, console.console)
+
+
+def run_files(directory: Path, config: Config, folder: Path) -> RunFiles:
+    """What a run leaves behind, for trackers.
+
+    Args:
+        directory: Of the run, its tables written.
+        config: Of the run.
+        folder: Gets pictures, if a tracker shows them.
+    """
+
+    @functools.cache
+    def pictures() -> Mapping[str, Path]:
+        return {**plan_pictures(directory, config.domain, folder), **curves(directory)}
+
+    tables = [path for name in (*TABLES, WORLD_TABLE) if (path := directory / name).exists()]
+    weights = sorted((directory / "weights").glob("step_*.safetensors"))[-1:]
+    return RunFiles(config.plans, tables, weights, pictures)
+
+
+def words(state: Mapping[str, Any]) -> dict[str, str]:
+    """What was chosen of each config group, as words, from `run.yaml`. Hydra's own groups are left out."""
+    chosen = {group: choice for group, choice in state["choices"].items() if "@" not in group and choice is not None}
+    return {group: "+".join(map(str, c)) if isinstance(c, list) else str(c) for group, c in chosen.items()}
+
+
+def about(state: Mapping[str, Any]) -> dict[str, Any]:
+    """Commit, host, CPU and GPU that a run began with, from `run.yaml`."""
+    return {**state.get("source", {}), **state.get("machine", {})}
 
 
 def predictor_of(config: Config) -> Predictor:

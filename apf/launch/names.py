@@ -1,6 +1,5 @@
 """Names of the runs of a sweep: words that say what the sweep varied."""
 
-import os
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -32,8 +31,8 @@ class Names:
             folder: The folder of its runs.
         """
         self.varied = varied_keys(sweep)
-        there = os.listdir(folder) if folder.is_dir() else []
-        self.known = {name.rpartition("-")[2]: name for name in sorted(there) if (folder / name / "run.yaml").is_file()}
+        there = sorted(path.parent.name for path in folder.glob("*/run.yaml"))
+        self.known = {name.rpartition("-")[2]: name for name in there}
 
     def of(self, config: DictConfig, values: dict[str, Any]) -> str:
         """The name of a job.
@@ -56,8 +55,9 @@ def varied_keys(sweep: DictConfig) -> list[str]:
 
 
 def words_for(varied: Sequence[str], values: Mapping[str, Any], choices: Mapping[str, Any]) -> list[str]:
-    """A word for each varied key that a name does not have anyway, as `learning_rate_0.001`: without `=`, which Hydra would
-    have to be given in quotes.
+    """A word for each varied key that a name does not have anyway, as `learning_rate_0.001`.
+
+    No word has a `=`: on a command line, Hydra would have to be given it in quotes.
 
     Args:
         varied: Keys and groups.
@@ -88,11 +88,9 @@ def _value(key: str, values: Mapping[str, Any]) -> Any:
 def _shown(value: Any) -> str:
     if isinstance(value, list):
         return "+".join(map(_shown, value))
-    return (
-        f"{value:.6g}"
-        if isinstance(value, float)
-        else {None: "null", True: "true", False: "false"}.get(value, str(value))
-    )
+    if isinstance(value, bool) or value is None:
+        return "null" if value is None else str(value).lower()
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
 def _safe(text: str) -> str:

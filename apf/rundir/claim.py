@@ -19,12 +19,22 @@ if TYPE_CHECKING:
     from apf.domain import Domain
 
 CONFIG, STATE, JOURNAL, LOCK, LOG = "config.yaml", "run.yaml", "journal.jsonl", "lock", "run.log"
-TABLES = ("plans.parquet", "regret.parquet", "accuracy.parquet", "evaluation_plans.parquet")
+CHOSEN_TABLE = "evaluation_plans.parquet"
+"""The table of the plans that evaluations chose."""
+TABLES = ("plans.parquet", "regret.parquet", "accuracy.parquet", CHOSEN_TABLE)
 WORLD_TABLE = "world.parquet"
 """The table of the world's reports, if the world reports anything."""
 FIRST = (STATE, JOURNAL, CONFIG)
 """Files that a run writes first, after the objects of its domain's plans."""
-LATER = (LOG, *TABLES, WORLD_TABLE, "weights/step_*.safetensors", "figures/regret.*", "figures/accuracy.*")
+LATER = (
+    LOG,
+    "metrics.csv",
+    *TABLES,
+    WORLD_TABLE,
+    "weights/step_*.safetensors",
+    "figures/regret.*",
+    "figures/accuracy.*",
+)
 """Files that a run writes later."""
 HOLDER = re.compile(r"process \d+ on \S+")
 """Content of a lock file."""

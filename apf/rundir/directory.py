@@ -27,6 +27,10 @@ NOT_KEPT = ("hydra.mode", "hydra.run.", "hydra.sweep", "hydra/sweeper", "hydra.l
 """Hydra's own overrides that say where and how a run is started, not what it is."""
 
 
+MANY, TARGET = ("task", "tracker"), "_target_"
+"""Groups of which several options may be chosen, unless one class fills the whole key."""
+
+
 def check(directory: Path, config: dict[str, Any], domain: Domain) -> bool:
     """Check that this run may use the directory: the directory holds no run, or holds this one.
 
@@ -107,7 +111,7 @@ def begin(directory: Path, config: dict[str, Any], domain: Domain, tasks: Mappin
         "id": identifier,
         "hash": config_hash(config),
         "sweep": config["sweep"] if in_sweep else None,
-        "choices": {**choices, "task": list(config["task"])},
+        "choices": {**choices, **{key: list(config[key]) for key in MANY if TARGET not in config[key]}},
         "overrides": as_typed(hydra.overrides.task),
         "cwd": str(Path.cwd()),
         "words": {"plan": domain.plan_word, "object": domain.object_word},

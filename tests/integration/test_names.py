@@ -22,6 +22,7 @@ VALUES = {
     "evaluation": {"lengths": [2, 3]},
     "domain": {"training": {"side": [0.05, 0.15]}, "evaluation": {"side": 2.0}},
     "task": {"tallest": {}, "overhang": {}},
+    "initial": {"train": 1},
     "plans": 100,
     "threads": 2,
 }
@@ -41,6 +42,7 @@ CHOICES = {"planner": "search", "sampler": "greedy", "experiment": "a/b c"}
             ["domain.training.side", "domain.evaluation.side"],
             ["domain.training.side_0.05+0.15", "domain.evaluation.side_2"],
         ),
+        (["initial.train"], ["train_1"]),
         (["experiment"], ["experiment_a_b_c"]),
     ],
 )
