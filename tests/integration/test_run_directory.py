@@ -11,9 +11,9 @@ import torch
 import yaml
 from hydra import compose, initialize_config_dir
 
+from apf.commands.run import make_model
 from apf.config.values import config_dir
 from apf.domain import Kind
-from apf.main import make_model
 from apf.planning import Evaluator, regret_table
 from apf.rundir.store import Store
 from apf.schema import validate
