@@ -169,6 +169,7 @@ def make_experiment(config: Config, model: Ensemble, store: Store, tracker: Trac
         ),
         store=store,
         tracker=tracker,
+        also=config.evaluation.also,
     )
 
 

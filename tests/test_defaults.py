@@ -18,6 +18,7 @@ import apf
 from apf.config.values import config_dir
 from apf.models import Training
 from apf.panda.film import Camera
+from apf.planning import EvaluationSettings
 
 CONF = Path(config_dir())
 CHOICES = [
@@ -55,7 +56,7 @@ def composed(*overrides: str, name: str = "config") -> dict[str, Any]:
 
 def of_a_run(overrides: list[str]) -> list[tuple[str, str, Any, Any]]:
     config = composed(*overrides)
-    return [*pairs(config), *pairs(config["training"], Training)]
+    return [*pairs(config), *pairs(config["training"], Training), *pairs(config["evaluation"], EvaluationSettings)]
 
 
 def of_the_camera() -> list[tuple[str, str, Any, Any]]:

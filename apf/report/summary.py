@@ -7,6 +7,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from apf.planning.measures import MEASURES
 from apf.report import figures
 from apf.report.runs import words_of
 from apf.rundir.kept import Summary, read_state
@@ -26,7 +27,7 @@ def save_figures(directory: Path) -> None:
 
 
 def print_summary(directory: Path, console: Console) -> None:
-    """Wall time, regret and success for each world and task, accuracy for each length, and the place."""
+    """Wall time, regret and success for each world and task, accuracy and its like for each length, and the place."""
     seconds = read_state(directory, Summary)["seconds"]
     regret, accuracy = (pd.read_parquet(directory / f"{name}.parquet") for name in ("regret", "accuracy"))
     last = max([*regret["step"], *accuracy["step"]], default=0)
@@ -44,7 +45,11 @@ def print_summary(directory: Path, console: Console) -> None:
         console.print(table)
     if len(accuracy):
         table = Table("length", *map(str, accuracy["length"]), box=None, pad_edge=False)
-        table.add_row("accuracy", *(f"{value:.3f}" for value in accuracy["accuracy"]))
+        for name in MEASURES:
+            if name in accuracy:  # tables of earlier versions lack some
+                table.add_row(
+                    name if name == "accuracy" else name.upper(), *(f"{value:.3f}" for value in accuracy[name])
+                )
         console.print(table)
     console.print("tables, figures, weights and journal:")
     console.print(str(directory))
