@@ -14,16 +14,20 @@ from apf.rundir.kept import Summary, read_state
 
 
 def save_figures(directory: Path) -> None:
-    """Write the run's own regret and accuracy curves beside its tables."""
-    words = words_of(read_state(directory, Summary))
-    for name, curves_of, plot in (
-        ("regret", figures.regret_curves, figures.plot_regret),
-        ("accuracy", figures.accuracy_curves, figures.plot_accuracy),
-    ):
-        table = pd.read_parquet(directory / f"{name}.parquet").assign(run=0, group=directory.name)
-        curves = curves_of(table)
-        if len(curves):
-            figures.save(plot(curves, words), curves.drop(columns="group"), directory / "figures" / name)
+    """Write the run's own curves beside its tables: regret; accuracy, AUC, NLL and ECE."""
+    state = read_state(directory, Summary)
+    words, group = words_of(state), str(state["choices"].get("sampler", directory.name))
+    regret, accuracy = (
+        pd.read_parquet(directory / f"{name}.parquet").assign(run=0, group=group) for name in ("regret", "accuracy")
+    )
+    curves = figures.regret_curves(regret)
+    if len(curves):
+        figures.save(figures.plot_regret(curves, words), curves.drop(columns="group"), directory / "figures" / "regret")
+    if len(accuracy):
+        measured = {name: figures.accuracy_curves(accuracy, name) for name in MEASURES if name in accuracy}
+        table = figures.accuracy_curves(accuracy).drop(columns=["group", "mean", "min", "max"])
+        table.insert(2, "accuracy", measured["accuracy"]["mean"])
+        figures.save(figures.plot_measures(measured, words), table, directory / "figures" / "accuracy")
 
 
 def print_summary(directory: Path, console: Console) -> None:
