@@ -54,14 +54,13 @@ class Execution:
 class Experiment:
     """One run: the parts that the config composed, and the loop that joins them.
 
-    plans: how many to label in all, the initial ones included. every: labelled plans between evaluations. at: other
+    plans: how many to label in all, the initial ones included. every: labelled plans between evaluations. also: further
     numbers of labelled plans at which to evaluate.
     """
 
     seed: int
     plans: int
     every: int
-    at: Sequence[int]
     initial: Initial
     acquisition: Acquisition
     execution: Execution
@@ -71,6 +70,7 @@ class Experiment:
     evaluator: Evaluator
     store: Store
     tracker: Tracker
+    also: Sequence[int] = ()
 
     @property
     def steps(self) -> int:
@@ -117,13 +117,13 @@ class Experiment:
         return work
 
     def due(self, step: int) -> bool:
-        """Is this step evaluated? Whenever another `every` plans are labelled, at the numbers `at`, and the last.
+        """Is this step evaluated? Whenever another `every` plans are labelled, at numbers of `also`, and at the end.
 
-        The initial model is evaluated only if the initial plans are as many as one of those numbers, or more.
+        The initial model is evaluated if a number of `also` asks for it.
         """
         labelled, before = self.labelled_after(step), self.labelled_after(step - 1) if step else 0
-        another = step > 0 and labelled // self.every > before // self.every
-        return another or any(before < number <= labelled for number in self.at) or step == self.steps
+        every = step > 0 and labelled // self.every > before // self.every
+        return every or any(before < plans <= labelled for plans in self.also) or step == self.steps
 
     def choose(self, step: int) -> None:
         """Decide which plans to try: random ones first, then those that the model would learn most from."""
@@ -209,6 +209,6 @@ class Experiment:
         return Metrics(step, Phase.EXECUTED, self.store.count(until=step), metrics)
 
     def evaluation_metrics(self, step: int) -> Metrics:
-        """Median regret and plans that succeeded for each world and task, accuracy for each length."""
+        """Median regret and plans that succeeded for each world and task, accuracy and its like for each length."""
         metrics = metrics_of(self.store.regret(step), self.store.accuracy(step))
         return Metrics(step, Phase.EVALUATED, self.store.count(until=step), metrics.get(step, {}))

@@ -56,7 +56,7 @@ def evaluate(store: Store, step: int, towers: int, rng: np.random.Generator) -> 
         for task in ("tallest", "overhang")
         for world in ("noisy", "analytic")
     ]
-    accuracy = [(step, towers, length, rng.random(), rng.random(), 10) for length in (2, 3)]
+    accuracy = [(step, towers, length, *rng.random(4), 10) for length in (2, 3)]
     store.record_evaluation(
         step, pd.DataFrame(rows, columns=REGRET_COLUMNS), pd.DataFrame(accuracy, columns=ACCURACY_COLUMNS), []
     )
@@ -69,7 +69,6 @@ def experiment(store: Store, towers: int) -> Experiment:
         seed=0,
         plans=towers,
         every=100,
-        at=(),
         initial=Initial(train=INITIAL // 2, validation=INITIAL // 2),
         acquisition=Acquisition(plans=EACH, validation=2),
         execution=Execution(time_limit=None),

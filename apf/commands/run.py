@@ -197,6 +197,7 @@ def make_experiment(config: Config, model: Ensemble, store: Store, tracker: Trac
         seed=config.seed,
         plans=config.plans,
         every=config.evaluation.every,
+        also=config.evaluation.also,
         initial=config.initial,
         acquisition=config.acquisition,
         execution=config.execution,
