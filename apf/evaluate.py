@@ -32,7 +32,7 @@ def translated(arguments: Sequence[str]) -> list[str]:
 
 def main() -> None:
     """Entry point of the command."""
-    if not {"-h", "--help"} & set(sys.argv):
+    if not {"-h", "--help", "--version", "-sc", "--shell-completion"} & set(sys.argv):
         try:
             sys.argv[1:] = translated(sys.argv[1:])
         except InputError as error:

@@ -2,7 +2,7 @@
 
 import math
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -54,7 +54,8 @@ class Execution:
 class Experiment:
     """One run: the parts that the config composed, and the loop that joins them.
 
-    plans: how many to label in all, the initial ones included. every: labelled plans between evaluations.
+    plans: how many to label in all, the initial ones included. every: labelled plans between evaluations. also: further
+    numbers of labelled plans at which to evaluate.
     """
 
     seed: int
@@ -69,6 +70,7 @@ class Experiment:
     evaluator: Evaluator
     store: Store
     tracker: Tracker
+    also: Sequence[int] = ()
 
     @property
     def steps(self) -> int:
@@ -115,9 +117,13 @@ class Experiment:
         return work
 
     def due(self, step: int) -> bool:
-        """Is this step evaluated? Whenever another `every` plans are labelled, and the last; not the initial model."""
-        labelled, before = self.labelled_after(step), self.labelled_after(step - 1)
-        return (step > 0 and labelled // self.every > before // self.every) or step == self.steps
+        """Is this step evaluated? Whenever another `every` plans are labelled, at numbers of `also`, and at the end.
+
+        The initial model is evaluated if a number of `also` asks for it.
+        """
+        labelled, before = self.labelled_after(step), self.labelled_after(step - 1) if step else 0
+        every = step > 0 and labelled // self.every > before // self.every
+        return every or any(before < plans <= labelled for plans in self.also) or step == self.steps
 
     def choose(self, step: int) -> None:
         """Decide which plans to try: random ones first, then those that the model would learn most from."""
@@ -158,6 +164,8 @@ class Experiment:
         except FloatingPointError as error:
             raise Stopped(f"training diverged in step {step}: {error}; try a lower training.learning_rate") from None
         losses = {f"loss/{name}": loss for name, loss in history.kept_losses.items()}
+        if history.restarts:
+            losses["members/restarted"] = float(history.restarts)
         self.store.record_training(step, losses)
         self.tracker.log(Metrics(step, Phase.LEARNED, self.store.count(until=step), losses))
 
@@ -201,6 +209,6 @@ class Experiment:
         return Metrics(step, Phase.EXECUTED, self.store.count(until=step), metrics)
 
     def evaluation_metrics(self, step: int) -> Metrics:
-        """Median regret and plans that succeeded for each world and task, accuracy for each length."""
+        """Median regret and plans that succeeded for each world and task, accuracy and its like for each length."""
         metrics = metrics_of(self.store.regret(step), self.store.accuracy(step))
         return Metrics(step, Phase.EVALUATED, self.store.count(until=step), metrics.get(step, {}))

@@ -39,7 +39,8 @@ class Config:
     task: dict[str, Task]
     planner: Planner
     predictor: Predictor | Learned | Trained
-    tracker: Tracker
+    tracker: dict[str, Tracker] | Tracker
+    """By their names; or one alone, as a config of one's own may have it."""
     device: Name
     threads: Few
     sweep: Name

@@ -91,4 +91,4 @@ def fake_ensemble() -> Callable[..., FakeEnsemble]:
 @pytest.fixture
 def no_figures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Metrics take most of the time of a tiny run, and do not always matter."""
-    monkeypatch.setattr(importlib.import_module("apf.main"), "save_figures", lambda directory: None)
+    monkeypatch.setattr(importlib.import_module("apf.commands.run"), "save_figures", lambda directory: None)

@@ -18,13 +18,14 @@ import apf
 from apf.config.values import config_dir
 from apf.models import Training
 from apf.panda.film import Camera
+from apf.planning import EvaluationSettings
 
 CONF = Path(config_dir())
 CHOICES = [
     *([f"domain={path.stem}"] for path in sorted((CONF / "domain").glob("*.yaml"))),
     *([f"sampler={path.stem}"] for path in sorted((CONF / "sampler").glob("*.yaml"))),
     *([f"model={path.stem}"] for path in sorted((CONF / "model").glob("*.yaml"))),
-    *([f"predictor={name}"] for name in ("learned", "analytic", "simulation")),
+    *([f"predictor={name}"] for name in ("learned", "analytic", "simulation", "oracle")),
     *(["world=panda", "world/flaws=exact", f"world/reality={name}"] for name in ("bullet", "mujoco")),
     ["predictor=trained", "predictor.run=run"],
     *([f"planner={name}"] for name in ("monte_carlo", "search")),
@@ -55,7 +56,7 @@ def composed(*overrides: str, name: str = "config") -> dict[str, Any]:
 
 def of_a_run(overrides: list[str]) -> list[tuple[str, str, Any, Any]]:
     config = composed(*overrides)
-    return [*pairs(config), *pairs(config["training"], Training)]
+    return [*pairs(config), *pairs(config["training"], Training), *pairs(config["evaluation"], EvaluationSettings)]
 
 
 def of_the_camera() -> list[tuple[str, str, Any, Any]]:

@@ -12,6 +12,7 @@ from pydantic import ValidationError
 from apf.domain import Predictor, Task, World
 from apf.errors import Stopped
 from apf.planning import EvaluationSettings, Evaluator, MonteCarloPlanner, Planner, SearchPlanner, regret_table
+from apf.planning.measures import MEASURES
 from apf.rng import stream
 from apf.rundir.columns import ACCURACY_COLUMNS, REGRET_COLUMNS
 from apf.towers import AnalyticWorld, Overhang, Tallest, TowerDomain, Towers, stands
@@ -52,6 +53,10 @@ def test_accuracy_asks_for_the_right_side_of_one_half_and_auc_for_the_right_orde
     assert table["length"].tolist() == [2, 3]
     assert table["accuracy"].tolist() == [accuracy] * 2
     assert table["auc"].tolist() == [auc] * 2
+    assert [*MEASURES] == ["accuracy", "auc", "nll", "ece"]
+    for name, measure in MEASURES.items():
+        labels = evaluator.test_set(3)[1]
+        assert table[name].iloc[1] == measure(says(labels), labels)
     assert set(table["n"]) == {40}
 
 
@@ -154,7 +159,7 @@ def test_columns_are_those_that_the_tables_on_disk_have() -> None:
     assert " ".join(REGRET_COLUMNS) == (
         "step plans task problem world value chance best_value regret feasible search_value search_regret"
     )
-    assert " ".join(ACCURACY_COLUMNS) == "step plans length accuracy auc n"
+    assert " ".join(ACCURACY_COLUMNS) == "step plans length accuracy auc nll ece n"
 
 
 class TestRegret:
@@ -333,7 +338,7 @@ class TestAccuracy:
         evaluator, said = evaluator_with(domain, lengths=[2, 4], test_plans=20)
         table = evaluator.accuracy(Says(stands), step=3, labelled=70)
         assert table.columns.tolist() == ACCURACY_COLUMNS
-        assert table.to_numpy().tolist() == [[3, 70, 2, 1.0, 1.0, 20], [3, 70, 4, 1.0, 1.0, 20]]
+        assert table.to_numpy().tolist() == [[3, 70, 2, 1.0, 1.0, 0.0, 0.0, 20], [3, 70, 4, 1.0, 1.0, 0.0, 0.0, 20]]
         assert said == [(3, "testing", 1, 2), (3, "testing", 2, 2)]
         for length in (2, 4):
             plans, labels = evaluator.test_set(length)

@@ -29,7 +29,7 @@ def made(sweep: str, seed: int, every: int, problems: int, sampler: str = "seque
         (0, towers, "tallest", problem, "noisy", 1.0, 0.9, 2.0, 0.5, True, 2.0, 0.5)
         for towers, problem in product(at, range(problems))
     ]
-    accuracy = [(0, towers, length, 0.9, 0.95, 10) for towers, length in product(at, (2, 3))]
+    accuracy = [(0, towers, length, 0.9, 0.95, 0.3, 0.05, 10) for towers, length in product(at, (2, 3))]
     tables = {
         "regret": pd.DataFrame(regret, columns=REGRET_COLUMNS),
         "accuracy": pd.DataFrame(accuracy, columns=ACCURACY_COLUMNS),

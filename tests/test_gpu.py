@@ -10,7 +10,7 @@ import pytest
 import torch
 from integration.command_line import TINY, call
 
-from apf.main import make_model
+from apf.commands.run import make_model
 from apf.models import Ensemble
 from apf.models import training as training_module
 from apf.planning import MonteCarloPlanner

@@ -56,7 +56,7 @@ def evaluate(store: Store, step: int, towers: int, rng: np.random.Generator) -> 
         for task in ("tallest", "overhang")
         for world in ("noisy", "analytic")
     ]
-    accuracy = [(step, towers, length, rng.random(), rng.random(), 10) for length in (2, 3)]
+    accuracy = [(step, towers, length, *rng.random(4), 10) for length in (2, 3)]
     store.record_evaluation(
         step, pd.DataFrame(rows, columns=REGRET_COLUMNS), pd.DataFrame(accuracy, columns=ACCURACY_COLUMNS), []
     )

@@ -36,7 +36,7 @@ def test_what_was_appended_is_read_back(path: Path) -> None:
     lines = [json.loads(line) for line in path.read_text().splitlines()]
     kept = [{key: value for key, value in line.items() if key not in ("crc", "follows")} for line in lines]
     assert kept[1:] == records
-    assert {key: kept[0][key] for key in ("kind", "format", "run")} == {"kind": "journal", "format": 5, "run": ""}
+    assert {key: kept[0][key] for key in ("kind", "format", "run")} == {"kind": "journal", "format": 6, "run": ""}
     assert [line["follows"] for line in lines] == ["", *(line["crc"] for line in lines[:-1])]
 
 
@@ -156,7 +156,7 @@ def test_line_ends_of_windows_are_named_and_nothing_is_cut(path: Path, which: st
 
 
 @pytest.mark.parametrize(
-    ("number", "words"), [(6, "has format 6, .* reads format 5: it takes a newer apf"), (1, "older")]
+    ("number", "words"), [(7, "has format 7, .* reads format 6: it takes a newer apf"), (1, "older")]
 )
 def test_another_format_is_refused(path: Path, number: int, words: str) -> None:
     line, crc = encode({"kind": "journal", "format": number, "run": ""}, "")
@@ -167,7 +167,7 @@ def test_another_format_is_refused(path: Path, number: int, words: str) -> None:
 
 def test_a_journal_without_a_first_line_is_of_an_older_version(path: Path) -> None:
     path.write_bytes(b"".join(path.read_bytes().splitlines(keepends=True)[1:]))
-    with pytest.raises(InputError, match=r"has format 1, .* reads format 5: it takes an older apf"):
+    with pytest.raises(InputError, match=r"has format 1, .* reads format 6: it takes an older apf"):
         Journal(path)
 
 

@@ -1,9 +1,12 @@
+import math
+from statistics import NormalDist
+
 import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from apf.domain import Predictor
-from apf.towers import AnalyticPredictor, Offset, SimulationPredictor, random_towers, stands
+from apf.domain import Oracle, Predictor
+from apf.towers import AnalyticPredictor, AnalyticWorld, NoisyWorld, Offset, SimulationPredictor, random_towers, stands
 
 
 def rng_of(seed):
@@ -105,3 +108,22 @@ def test_a_predictor_of_whole_plans_says_so_when_asked_for_a_prefix(towers):
 
     with pytest.raises(TypeError, match="Whole judges whole plans only"):
         Whole().last_feasibility(towers)
+
+
+class TestOracle:
+    def test_says_how_often_a_plan_succeeds_in_the_world(self, build, cubes):
+        """Half a side is 0.0625 m: with a noise of 3 mm sqrt 2, towers that far from the edge stand as often."""
+        offsets = np.array([0.0, 0.0583, 0.0625, 0.0667])
+        plans = build(cubes, *([(0, 0, 0, 0), (1, 0, x, 0)] for x in offsets))
+        said = Oracle(world=NoisyWorld(noise=0.003), tries=1000).feasibility(plans, rng_of(0))
+        expected = [NormalDist().cdf((0.0625 - x) / (0.003 * math.sqrt(2))) for x in offsets]
+        np.testing.assert_allclose(said, expected, atol=0.05)
+
+    def test_of_a_world_without_noise_is_the_analytic_rule(self, towers):
+        said = Oracle(world=AnalyticWorld(), tries=1).feasibility(towers, rng_of(0))
+        np.testing.assert_array_equal(said, stands(towers))
+
+    def test_each_prefix_is_as_likely_as_those_before_or_less(self, towers):
+        chances = Oracle(world=NoisyWorld(noise=0.003), tries=300).prefix_feasibility(towers, rng_of(0))
+        assert (chances[:, 0] == 1).all()
+        assert (np.diff(chances, axis=1) < 0.15).all()

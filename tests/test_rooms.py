@@ -12,6 +12,7 @@ PACKAGE = Path(__file__).parents[1] / "apf"
 FLOORS = (
     ("evaluate",),
     ("main", "label", "relabel", "plan", "panda"),
+    ("commands",),
     ("trained",),
     ("launch",),
     ("schema",),
@@ -22,7 +23,7 @@ FLOORS = (
     ("rundir",),
     ("config",),
     ("domain",),
-    ("errors", "interrupts", "rng", "settings", "terminal"),
+    ("errors", "interrupts", "rng", "settings", "source", "terminal"),
 )
 """Rooms and files of the package, from the top down: each imports from floors below its own alone."""
 DOMAINS = ("towers", "panda", "packing")

@@ -91,7 +91,7 @@ def regret_table(step: int, regret: float) -> pd.DataFrame:
 
 
 def accuracy_table(step: int, accuracy: float) -> pd.DataFrame:
-    return pd.DataFrame([(step, 2, 3, accuracy, 0.875, 40)], columns=ACCURACY_COLUMNS)
+    return pd.DataFrame([(step, 2, 3, accuracy, 0.875, 0.5, 0.125, 40)], columns=ACCURACY_COLUMNS)
 
 
 def chosen_plans(domain: Domain) -> list[ChosenPlan]:
@@ -424,7 +424,10 @@ class TestEvaluations:
             [1, 2, "overhang", 0, "noisy", 0.5, 0.8, 0.0, None, False, None, None],
         ]
         assert store.accuracy().columns.tolist() == ACCURACY_COLUMNS
-        assert store.accuracy().to_numpy().tolist() == [[0, 2, 3, 0.75, 0.875, 40], [1, 2, 3, 0.625, 0.875, 40]]
+        assert store.accuracy().to_numpy().tolist() == [
+            [0, 2, 3, 0.75, 0.875, 0.5, 0.125, 40],
+            [1, 2, 3, 0.625, 0.875, 0.5, 0.125, 40],
+        ]
 
     def test_columns_have_their_types_also_without_rows(self, store: Store) -> None:
         for evaluated in (False, True):
@@ -436,7 +439,7 @@ class TestEvaluations:
             assert types["feasible"] == "bool"
             types = store.accuracy().dtypes
             assert all(types[name] == "int64" for name in ("step", "plans", "length", "n"))
-            assert all(types[name] == "float64" for name in ("accuracy", "auc"))
+            assert all(types[name] == "float64" for name in ("accuracy", "auc", "nll", "ece"))
             assert len(store.regret()) == 2 * evaluated
 
     def test_a_step_evaluated_again_replaces_the_first(self, store: Store) -> None:

@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from hypothesis import given
+from hypothesis import strategies as st
 from omegaconf import OmegaConf
 from pydantic import ValidationError
 from torch import nn
@@ -23,13 +25,14 @@ from apf.models import updates as updates_module
 from apf.models.batches import batches, batches_of
 from apf.models.examples import examples
 from apf.models.kernels import passes_of
+from apf.models.layers import EnsembleLinear
 from apf.models.passes import Passes
 from apf.models.training import CHECK, History, fit
 from apf.models.updates import Rates, Updates, validation_loss
 from apf.towers import AnalyticWorld, TowerDomain, Towers, random_towers, standing_prefixes
-from apf.towers.features import features, mirrored, weighed
+from apf.towers.features import LENGTH, MEAN_SIDE, SIDES, features, mirrored, stretched, weighed
 
-DOMAIN = TowerDomain(mass_scales=0)
+DOMAIN = TowerDomain(mass_scales=0, stretch=False)
 
 
 def labelled(length: int, n: int, seed: int) -> Labelled:
@@ -86,6 +89,41 @@ def test_a_mirrored_tower_keeps_its_labels() -> None:
     image = Towers(replace(blocks, com=blocks.com * mirror), upright.block, upright.rotation, upright.xy * mirror[:2])
     np.testing.assert_array_equal(standing_prefixes(image), standing_prefixes(upright))
     np.testing.assert_allclose(features(image), mirrored(features(upright)), atol=1e-6)
+
+
+@given(
+    factor=st.tuples(*[st.floats(0.3, 3)] * 3),
+    seed=st.integers(0, 2**32 - 1),
+)
+def test_a_stretched_tower_keeps_its_labels(factor: tuple[float, ...], seed: int) -> None:
+    """Its blocks, which are no blocks of the set, are as much longer along each axis as the distances between them."""
+    blocks, stretch = DOMAIN.training_blocks, np.array(factor)
+    plans = random_towers(blocks, 4, 20, np.random.default_rng(seed))
+    upright = Towers(blocks, plans.block, np.zeros_like(plans.rotation), plans.xy)
+    longer = replace(blocks, dims=blocks.dims * stretch, com=blocks.com * stretch)
+    towers = Towers(longer, upright.block, upright.rotation, upright.xy * stretch[:2])
+    np.testing.assert_array_equal(standing_prefixes(towers), standing_prefixes(upright))
+    np.testing.assert_allclose(features(towers), stretched(features(upright), np.tile(stretch, (20, 1))), atol=1e-4)
+
+
+def test_the_views_of_a_tower_are_different_and_their_sides_in_the_range_of_the_set() -> None:
+    domain = TowerDomain()
+    plans = labelled(4, 30, 1).plans
+    views = np.stack(list(domain.views(plans)))
+    assert views.shape == (32, 30, 4, domain.n_features)
+    assert len(np.unique(views[:, 0].round(4), axis=0)) == 32
+    sides, dims = (views[..., SIDES] + MEAN_SIDE) * LENGTH, domain.training_blocks.dims
+    assert sides.min() == pytest.approx(dims.min(), rel=0.05)
+    assert sides.max() == pytest.approx(dims.max(), rel=0.05)
+    assert sides.min() > dims.min() - 1e-6
+    assert sides.max() < dims.max() + 1e-6
+
+
+def test_without_symmetries_a_tower_is_its_own_first_view() -> None:
+    domain, plans = TowerDomain(mass_scales=0, stretch=False, mirror=False), labelled(4, 30, 1).plans
+    views = list(domain.views(plans))
+    assert len(views) == 4
+    np.testing.assert_array_equal(views[0], features(plans))
 
 
 def test_batches_hold_every_example_once_and_about_as_many_labels_each() -> None:
@@ -154,6 +192,37 @@ def test_stopped_early_each_member_keeps_the_weights_of_its_own_best_check(monke
     for number, weight in enumerate(model.network.parameters()):
         for member, check in enumerate([1, 2]):
             assert torch.equal(weight[member], seen[check][number][member])
+
+
+@pytest.mark.parametrize("deaths", [1, 2])
+def test_a_member_that_has_died_is_trained_again_and_the_others_stay_as_they_are(
+    monkeypatch: pytest.MonkeyPatch, deaths: int
+) -> None:
+    """Member 1 starts with units that are 0 for every plan; so may the one that takes its place."""
+    train, plans = [labelled(3, 40, 1), labelled(4, 40, 2)], DOMAIN.random_plans(4, 100, np.random.default_rng(0))
+    alive = ensemble(updates=300)
+    assert alive.fit(train, [], np.random.default_rng(0)).restarts == 0
+    reset, killed = EnsembleNetwork.reset, []
+
+    def deadly(network: EnsembleNetwork, generators: list[torch.Generator]) -> None:
+        reset(network, generators)
+        if len(killed) < deaths:
+            killed.append(len(generators))
+            *_, hidden, _ = (layer for layer in network.modules() if isinstance(layer, EnsembleLinear))
+            hidden.weight.data[min(1, len(generators) - 1)] = 0
+            hidden.bias.data[min(1, len(generators) - 1)] = -1
+
+    monkeypatch.setattr(EnsembleNetwork, "reset", deadly)
+    model = ensemble(updates=300)
+    history = model.fit(train, [], np.random.default_rng(0))
+    assert killed == [3, 1][:deaths]
+    assert history.restarts == deaths
+    assert not len(model.dead(examples(train, Kind.SUBSEQUENCE, DOMAIN)))
+    said, expected = model.predict(plans).numpy(), alive.predict(plans).numpy()
+    np.testing.assert_array_equal(said[[0, 2]], expected[[0, 2]])
+    assert said[1].std(0).min() > 0.05
+    assert history.train_loss.shape == (6, 3)
+    assert (history.train_loss[-1] < 0.5).all()
 
 
 def the_weights(optimiser: torch.optim.AdamW) -> torch.Tensor:

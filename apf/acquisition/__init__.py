@@ -1,6 +1,7 @@
 """What to try next: BALD, where candidates come from, and the samplers made of them."""
 
 from apf.acquisition.bald import bald, entropy, expected_bald
+from apf.acquisition.batch import DiverseBatch
 from apf.acquisition.candidates import (
     Candidates,
     FeasiblePrefixExtensions,
@@ -10,19 +11,23 @@ from apf.acquisition.candidates import (
     top,
 )
 from apf.acquisition.sampler import Sampler
-from apf.acquisition.scores import Bald, ExpectedBald, Random, Score
+from apf.acquisition.scores import Bald, ExpectedBald, Random, Score, Scorer
+from apf.acquisition.search import PrefixSearch
 
 __all__ = [
     "Bald",
     "Candidates",
+    "DiverseBatch",
     "ExpectedBald",
     "FeasiblePrefixExtensions",
     "GreedyExtensions",
     "Lengths",
+    "PrefixSearch",
     "Random",
     "RandomPlans",
     "Sampler",
     "Score",
+    "Scorer",
     "bald",
     "entropy",
     "expected_bald",

@@ -1,17 +1,15 @@
 """Where candidates come from: A-hat, and how the best of them are found (Section Sampling Strategies)."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from pydantic import model_validator
 
+from apf.acquisition.scores import Scorer
 from apf.domain import Domain, Labelled, Scored
 from apf.settings import Length, Many, settings
-
-ScoreOf = Callable[[Any], np.ndarray]
-"""Plans of one length -> [N] scores."""
 
 
 @settings
@@ -50,20 +48,20 @@ class Candidates(ABC):
 
     @abstractmethod
     def best(
-        self, n: int, score: ScoreOf, domain: Domain, data: Sequence[Labelled], rng: np.random.Generator
+        self, n: int, score: Scorer, domain: Domain, data: Sequence[Labelled], rng: np.random.Generator
     ) -> list[Scored]:
         """The best plans found, best first.
 
         Args:
             n: How many plans.
-            score: Plans of one length -> [N] scores.
+            score: Plans of one length -> [N] scores; knows the model.
             domain: Of the plans.
             data: All plans that were labelled so far.
             rng: The source of all draws.
         """
 
 
-def top(n: int, pools: Sequence[Any], score: ScoreOf) -> list[Scored]:
+def top(n: int, pools: Sequence[Any], score: Scorer) -> list[Scored]:
     """The plans of highest score among all pools, best first; ties go to the earlier plan.
 
     Args:
@@ -71,7 +69,17 @@ def top(n: int, pools: Sequence[Any], score: ScoreOf) -> list[Scored]:
         pools: Batches of plans, each of one length.
         score: Plans of one length -> [N] scores.
     """
-    scores = [score(pool) for pool in pools]
+    return best_of(n, pools, [score(pool) for pool in pools])
+
+
+def best_of(n: int, pools: Sequence[Any], scores: Sequence[np.ndarray]) -> list[Scored]:
+    """As `top`, of plans whose scores are known.
+
+    Args:
+        n: How many plans.
+        pools: Batches of plans, each of one length.
+        scores: [N] of each batch.
+    """
     pool_of = np.repeat(np.arange(len(pools)), [len(s) for s in scores])
     row_of = np.concatenate([np.arange(len(s)) for s in scores])
     flat = np.concatenate(scores)
@@ -92,7 +100,7 @@ class RandomPlans(Candidates):
         return self.lengths.max
 
     def best(
-        self, n: int, score: ScoreOf, domain: Domain, data: Sequence[Labelled], rng: np.random.Generator
+        self, n: int, score: Scorer, domain: Domain, data: Sequence[Labelled], rng: np.random.Generator
     ) -> list[Scored]:
         """As `Candidates.best`."""
         return top(n, self.lengths.draw(max(n, self.n), domain, rng), score)
@@ -115,7 +123,7 @@ class GreedyExtensions(Candidates):
         return self.longest
 
     def best(
-        self, n: int, score: ScoreOf, domain: Domain, data: Sequence[Labelled], rng: np.random.Generator
+        self, n: int, score: Scorer, domain: Domain, data: Sequence[Labelled], rng: np.random.Generator
     ) -> list[Scored]:
         """As `Candidates.best`."""
         found = top(n, [domain.random_plans(2, max(n, self.n), rng)], score)
@@ -147,7 +155,7 @@ class FeasiblePrefixExtensions(Candidates):
         return self.longest
 
     def best(
-        self, n: int, score: ScoreOf, domain: Domain, data: Sequence[Labelled], rng: np.random.Generator
+        self, n: int, score: Scorer, domain: Domain, data: Sequence[Labelled], rng: np.random.Generator
     ) -> list[Scored]:
         """As `Candidates.best`."""
         bases = {1: domain.random_plans(1, max(n, self.n), rng)}

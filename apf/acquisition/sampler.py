@@ -1,13 +1,12 @@
 """A sampling strategy: where candidates come from, how they are scored, and what is labelled."""
 
 from collections.abc import Sequence
-from functools import partial
 
 import numpy as np
 from pydantic import model_validator
 
 from apf.acquisition.candidates import Candidates, Lengths
-from apf.acquisition.scores import ExpectedBald, Model, Score
+from apf.acquisition.scores import ExpectedBald, Model, Score, Scorer
 from apf.domain import Domain, Kind, Labelled, Scored
 from apf.settings import settings
 
@@ -57,9 +56,4 @@ class Sampler:
             n: How many plans.
             rng: The source of all draws.
         """
-        score = partial(_score, self.score, model, rng)
-        return self.candidates.best(n, score, domain, data, rng)
-
-
-def _score(score: Score, model: Model, rng: np.random.Generator, plans: object) -> np.ndarray:
-    return score(model, plans, rng)
+        return self.candidates.best(n, Scorer(self.score, model, rng), domain, data, rng)

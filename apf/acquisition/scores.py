@@ -2,6 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
@@ -60,6 +61,19 @@ class Random(Score):
     def __call__(self, model: Model, plans: Any, rng: np.random.Generator) -> np.ndarray:
         """As `Score.__call__`."""
         return rng.random(len(plans))
+
+
+@dataclass(frozen=True)
+class Scorer:
+    """An acquisition function together with whom it asks: plans of one length -> [N] scores."""
+
+    score: Score
+    model: Model
+    rng: np.random.Generator
+
+    def __call__(self, plans: Any) -> np.ndarray:
+        """[N] score of each plan, higher is better."""
+        return self.score(self.model, plans, self.rng)
 
 
 def _in_chunks(score: Callable[[Tensor | np.ndarray], np.ndarray], model: Model, plans: Any) -> np.ndarray:

@@ -3,7 +3,7 @@
 import contextlib
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from enum import Enum
 from functools import partial
@@ -127,12 +127,18 @@ def run_name(_root_: DictConfig) -> str:
     return name_of(plain(_root_), choices)
 
 
-def name_of(config: dict[str, Any], choices: Mapping[str, Any]) -> str:
-    """The name of the run of a plain config, and what was chosen of each group."""
+def name_of(config: dict[str, Any], choices: Mapping[str, Any], varied: Sequence[str] = ()) -> str:
+    """The name of a run: sampler-model-world, words on what else was varied, seed and hash.
+
+    Args:
+        config: The plain config.
+        choices: What was chosen of each group.
+        varied: Words, e.g. `learning_rate_0.001`.
+    """
     parts = [choices[group] for group in ("sampler", "model", "world")]
     if choices["predictor"] != "learned":
         parts = [choices["predictor"]]
-    return "-".join([*map(str, parts), f"seed{config['seed']}", config_hash(config)])
+    return "-".join([*map(str, parts), *varied, f"seed{config['seed']}", config_hash(config)])
 
 
 KEPT_DOMAIN: dict[str, str] = {}

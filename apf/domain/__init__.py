@@ -1,6 +1,7 @@
 """What a domain of plans must bring (appendix, Method Generalizability), and what all others know of it."""
 
 from apf.domain.domain import Domain, Objects
+from apf.domain.oracle import Oracle
 from apf.domain.plans import UNOBSERVED, Kind, Labelled, NamedPlans, Plans, Scored
 from apf.domain.predictor import Predictor
 from apf.domain.task import Task
@@ -13,6 +14,7 @@ __all__ = [
     "Labelled",
     "NamedPlans",
     "Objects",
+    "Oracle",
     "Outcome",
     "Plans",
     "Predictor",

@@ -21,7 +21,9 @@ from apf.config.messages import no_such_key
 from apf.config.values import config_dir
 from apf.errors import InputError, Stopped
 from apf.interrupts import Interrupted, end_with_parent, watch_signals
+from apf.launch.help import ASKED, page
 from apf.rundir.resume import quoted
+from apf.source import version_line
 from apf.terminal import accept_any_name
 
 MISTAKES = (InputError, HydraException, OmegaConfBaseException)
@@ -62,16 +64,24 @@ def one_line_errors(job: Callable[[DictConfig], Any]) -> Callable[[DictConfig], 
 
 
 def run_command(
-    command: Callable[[], object], rewrite: Callable[[list[str]], list[str]] = lambda arguments: arguments
+    command: Callable[[], object], name: str, rewrite: Callable[[list[str]], list[str]] = lambda arguments: arguments
 ) -> None:
     """Run a Hydra command. An error before its job starts also ends in one line and exit code 1.
 
-    rewrite: changes the arguments before Hydra sees them. HYDRA_FULL_ERROR=1 shows tracebacks.
+    HYDRA_FULL_ERROR=1 shows tracebacks.
+
+    Args:
+        command: What Hydra made of the job.
+        name: Of the page that `--help` prints, in `conf/hydra/help`.
+        rewrite: Changes the arguments before Hydra sees them.
     """
     global _in_job
     _in_job = False
     os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra then hands its exceptions on
     try:
+        if "--version" in sys.argv[1:] or sys.argv[1:] in ASKED:
+            print(version_line() if "--version" in sys.argv[1:] else page(name), flush=True)
+            return
         watch_signals()
         accept_any_name()
         if FOLLOWER in os.environ:

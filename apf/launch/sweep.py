@@ -21,11 +21,12 @@ from omegaconf import DictConfig, OmegaConf, open_dict
 
 from apf.config.build import build
 from apf.config.messages import check_hydra
-from apf.config.values import name_of, plain, understood
+from apf.config.values import plain, understood
 from apf.errors import InputError, Stopped
 from apf.interrupts import Interrupted
 from apf.launch.cli import FOLLOWER, MISTAKES, one_line
 from apf.launch.machine import check_machine, cores
+from apf.launch.names import Names
 from apf.planning.objective import Objective, must_be_number, optimises, outcome, returned
 from apf.rundir.directory import as_typed, check, finished, hydra_arguments, output_directory
 from apf.rundir.resume import quoted
@@ -81,6 +82,7 @@ class Sweep:
             raise InputError(f"hydra.launcher.jobs is {jobs!r}; it must be auto or a positive number")
         self.context, self.config, self.jobs, self.engine = context, config, jobs, engine
         self.directory = Path(config.hydra.sweep.dir).absolute()
+        self.names = Names(config, self.directory)
         self.console = console(stderr=True)
         self.processes: list[subprocess.Popen] = []
         self.checked: dict[int, DictConfig] = {}
@@ -126,7 +128,7 @@ class Sweep:
             config.hydra.job.id = config.hydra.job.num = number
         try:
             values = plain(config)
-            directory = self.directory / subdirectory(config, values)
+            directory = self.directory / self.subdirectory(config, values)
             command = [
                 *hydra_arguments(config.hydra),
                 *as_typed(config.hydra.overrides.task),
@@ -150,6 +152,13 @@ class Sweep:
         except MISTAKES as error:
             job.state, job.reason = "failed", one_line(error)
         return job
+
+    def subdirectory(self, config: DictConfig, values: dict[str, Any]) -> str:
+        """Where in the sweep's directory a job goes. values: its plain config."""
+        sweep = OmegaConf.to_container(config.hydra.sweep)
+        if isinstance(sweep, dict) and sweep["subdir"] == "${run_name:}":
+            return self.names.of(config, values)
+        return str(config.hydra.sweep.subdir)
 
     def validated(self, config: DictConfig, values: dict[str, Any]) -> Config:
         """The checked config of a job. Jobs with the same parts share the objects. values: the job's plain config."""
@@ -251,14 +260,6 @@ class Sweep:
             reason = f": {job.reason}" if job.reason else ""
             value = f": {job.value}" if job.value is not None else ""
             self.console.print(f"{state:<17} {job.directory.name}{reason or value}")
-
-
-def subdirectory(config: DictConfig, values: dict[str, Any]) -> str:
-    """Where in the sweep's directory a job goes. values: its plain config, which is not made again for a run's name."""
-    sweep = OmegaConf.to_container(config.hydra.sweep)
-    if isinstance(sweep, dict) and sweep["subdir"] == "${run_name:}":
-        return name_of(values, config.hydra.runtime.choices)
-    return str(config.hydra.sweep.subdir)
 
 
 def run_here(cfg: DictConfig) -> str:

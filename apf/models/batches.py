@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -16,7 +17,7 @@ def groups(examples: Sequence[Examples], device: torch.device) -> list[Group]:
     return [(torch.from_numpy(e.x).to(device), torch.from_numpy(e.y).to(device)) for e in examples]
 
 
-def last_only(x: Tensor, y: Tensor) -> bool:
+def last_only(x: Tensor, y: Tensor | np.ndarray) -> bool:
     """Do plans x [M, K, F] have one label each, y [M, 1], instead of one for each prefix of 2..K, [M, K - 1]?"""
     return y.shape[1] < x.shape[1] - 1
 

@@ -14,9 +14,11 @@ from safetensors.torch import load_file, save_file
 from torch import Tensor
 
 from apf.domain import Domain, Kind, Labelled, Predictor
-from apf.models.examples import examples
+from apf.models.batches import last_only
+from apf.models.examples import Examples, examples
 from apf.models.kernels import passes_of
 from apf.models.layers import EnsembleNetwork
+from apf.models.passes import Passes
 from apf.models.training import History, Training, fit
 from apf.rng import torch_generator
 from apf.settings import Few, settings
@@ -24,8 +26,17 @@ from apf.settings import Few, settings
 CHUNK = 6144
 """Pairs of placements that one member predicts together: activations then stay in the cache."""
 
+SOME = 256
+"""Examples of a length that tell whether a member is dead."""
+
 FEW = 2048
 """Pairs of placements that all members predict together: to start operations for each takes longer than to compute."""
+
+RESTARTS = 5
+"""How often a dead member is started again at most."""
+
+SPREAD = 0.01
+"""A member is dead if its logits of all examples of a length lie in a smaller range than this. Of others: over 5."""
 
 ON_GPU = 2**20
 """Pairs of placements, counted for each member, that a GPU predicts together: an activation then takes 256 MiB."""
@@ -74,11 +85,10 @@ class Ensemble(Predictor):
         self.odds = odds
         self.device = device
         self.together = device.type != "cpu"
-        sizes = {"n_features": domain.n_features, "n_position": domain.n_position}
-        self.network = settings.network(members=settings.members, **sizes).to(device)
-        self.passes = passes_of(self.network, settings.kernels)
-        some = settings.network(members=1, **sizes).to(device)
-        self._some = passes_of(some, settings.kernels)  # takes the weights of the members that predict
+        self._settings = settings
+        self.passes = self._untrained(settings.members)
+        self.network = self.passes.network
+        self._some = self._untrained(1)  # takes the weights of the members that predict
 
     def fit(self, train: Sequence[Labelled], validation: Sequence[Labelled], rng: np.random.Generator) -> History:
         """Train all members from scratch, each with its own start and order of examples.
@@ -88,20 +98,59 @@ class Ensemble(Predictor):
             validation: labelled plans for early stopping; without early stopping, they are trained on, too.
             rng: for initial weights and the order of examples.
 
+        A member can die: all its units of a layer are 0 for every plan, so that it says the same of each plan and no
+        gradient reaches its weights. Such a member is trained again from another start.
+
         Returns:
             The losses.
 
         Raises:
             FloatingPointError: a loss is not finite.
         """
-        *generators, length_generator = (torch_generator(rng) for _ in range(self.members + 1))
-        self.network.reset(generators)
         if not self.training.early_stopping:
             train, validation = [*train, *validation], []
-        train_examples, validation_examples = (examples(part, self.kind, self.domain) for part in (train, validation))
+        parts = tuple(examples(part, self.kind, self.domain) for part in (train, validation))
         plans = sum(len(group.labels) for group in train)
-        parts = train_examples, validation_examples
-        return fit(self.passes, *parts, self.training, generators, length_generator, plans)
+        history = self._fit(self.passes, parts, plans, rng)
+        for _ in range(RESTARTS):
+            dead = self.dead(parts[0])
+            if not len(dead):
+                break
+            passes = self._untrained(len(dead))
+            history = history.replaced(dead, self._fit(passes, parts, plans, rng))
+            for ours, theirs in zip(self.network.parameters(), passes.network.parameters(), strict=True):
+                ours.data[dead] = theirs.data
+        return history
+
+    def dead(self, groups: Sequence[Examples]) -> np.ndarray:
+        """[M] numbers of the members that say the same of all these examples of a length, of the first ones if many.
+
+        Args:
+            groups: Examples, one group for each length.
+        """
+        spread = np.zeros(self.members)
+        with torch.inference_mode():
+            for group in groups:
+                x = torch.from_numpy(group.x[:SOME]).to(self.device)
+                prepared = self.passes.prepare(x[None], last_only(x, group.y))
+                spread = np.maximum(spread, np.ptp(self.passes.logits(prepared).numpy(force=True), 1).max(1))
+        return np.flatnonzero(spread < SPREAD)
+
+    def _untrained(self, members: int) -> Passes:
+        """The passes of so many networks, whose weights are not set."""
+        sizes = {"n_features": self.domain.n_features, "n_position": self.domain.n_position}
+        network = self._settings.network(members=members, **sizes).to(self.device)
+        return passes_of(network, self._settings.kernels)
+
+    def _fit(
+        self, passes: Passes, parts: tuple[Sequence[Examples], ...], plans: int, rng: np.random.Generator
+    ) -> History:
+        """Train networks from scratch on training and validation examples, the views of so many plans."""
+        members = len(passes.parameters[0])
+        *generators, length_generator = (torch_generator(rng) for _ in range(members + 1))
+        passes.network.reset(generators)
+        train, validation = parts
+        return fit(passes, train, validation, self.training, generators, length_generator, plans)
 
     def predict(self, plans: Any) -> Tensor:
         """[E, N, P] float64 probabilities of each member for each plan; on the ensemble's device, if it has this type.

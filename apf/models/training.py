@@ -66,11 +66,36 @@ class History:
     train_loss: [C, E] mean over the labels since the check before.
     validation_loss: [C, E] mean over all labels of the validation set; NaN without one.
     kept: [E] the check whose weights each member ended with.
+    restarts: how often a member was trained again, because it had died.
     """
 
     train_loss: np.ndarray
     validation_loss: np.ndarray
     kept: np.ndarray
+    restarts: int = 0
+
+    def replaced(self, members: np.ndarray, others: "History") -> "History":
+        """These losses, with those of some members from another training; NaN after the last check of a training.
+
+        Args:
+            members: [M] numbers of the members.
+            others: Of these M members.
+        """
+        checks = max(len(self.train_loss), len(others.train_loss))
+        losses: list[np.ndarray] = []
+        for ours, theirs in (
+            (self.train_loss, others.train_loss),
+            (self.validation_loss, others.validation_loss),
+        ):
+            joined = np.full((checks, len(self.kept)), np.nan, ours.dtype)
+            joined[: len(ours)] = ours
+            joined[:, members] = np.nan
+            joined[: len(theirs), members] = theirs
+            losses.append(joined)
+        kept = self.kept.copy()
+        kept[members] = others.kept
+        train, validation = losses
+        return History(train, validation, kept, self.restarts + len(members))
 
     @property
     def kept_losses(self) -> dict[str, float]:

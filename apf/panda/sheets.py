@@ -56,7 +56,7 @@ def write_sheets(blocks: BlockSet, path: Path) -> int:
 
 def main() -> None:
     """Entry point of the command."""
-    run_command(job)
+    run_command(job, "sheets")
 
 
 if __name__ == "__main__":

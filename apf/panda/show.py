@@ -63,7 +63,7 @@ def tower_of(path: Path, number: int) -> Towers:
 
 def main() -> None:
     """Entry point of the command."""
-    run_command(job)
+    run_command(job, "show")
 
 
 if __name__ == "__main__":

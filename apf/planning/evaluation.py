@@ -1,6 +1,7 @@
 """How good is a predictor? Regret on planning problems, accuracy on balanced test sets (Section Evaluation)."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import field
 from typing import Annotated, Any, Protocol
 
 import numpy as np
@@ -8,6 +9,7 @@ import pandas as pd
 from pydantic import AfterValidator, Field
 
 from apf.domain import Domain, Outcome, Predictor, Task, World, carry_out
+from apf.planning.measures import MEASURES
 from apf.planning.planner import Planner, Problem
 from apf.rng import stream
 from apf.rundir.chosen import ChosenPlan
@@ -49,6 +51,8 @@ class EvaluationSettings:
     seed: Seed
     worlds: Annotated[dict[str, World], Field(min_length=1)]
     """Where a chosen plan is executed for its reward, each by a name of its own."""
+    also: list[Count] = field(default_factory=list)
+    """Further numbers of labelled plans at which to evaluate, e.g. where much is learned between those of `every`."""
 
 
 class Kept(Protocol):
@@ -144,10 +148,7 @@ class Evaluator:
         return outcomes
 
     def accuracy(self, predictor: Predictor, step: int, labelled: int) -> pd.DataFrame:
-        """[lengths rows, ACCURACY_COLUMNS]: share of test plans that the predictor calls right at P > 1/2.
-
-        auc: area under the ROC curve, the chance that a feasible plan gets a higher probability than an infeasible one.
-        The area does not depend on the threshold of 1/2.
+        """[lengths rows, ACCURACY_COLUMNS]: what `apf.planning.measures` says of the test plans of each length.
 
         Args:
             predictor: Judges the test plans.
@@ -161,8 +162,8 @@ class Evaluator:
             plans, labels = self.test_set(length)
             rng = stream(self.settings.seed, "accuracy", step, length)
             probability = predictor.feasibility(plans, rng)
-            right = (probability > 0.5) == labels
-            rows.append((step, labelled, length, right.mean(), _auc(probability, labels), len(plans)))
+            measured = (measure(probability, labels) for measure in MEASURES.values())
+            rows.append((step, labelled, length, *measured, len(plans)))
         return pd.DataFrame(rows, columns=ACCURACY_COLUMNS)
 
     def test_set(self, length: int) -> tuple[Any, np.ndarray]:
@@ -217,10 +218,3 @@ def regret_table(chosen: Sequence[ChosenPlan], step: int, labelled: int) -> pd.D
 def _regret(best: float, reward: float) -> float:
     """The share of the best value that the reward lacks; NaN if there is no best value."""
     return (best - reward) / best if best > 0 else np.nan
-
-
-def _auc(probability: np.ndarray, labels: np.ndarray) -> float:
-    """Area under the ROC curve, of the ranks of the positives (Mann and Whitney); ties count one half."""
-    positives, negatives = labels.sum(), (~labels).sum()
-    ranks = pd.Series(probability).rank().to_numpy()
-    return float((ranks[labels].sum() - positives * (positives + 1) / 2) / (positives * negatives))

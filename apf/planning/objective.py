@@ -12,6 +12,7 @@ from pydantic import BeforeValidator
 
 from apf.errors import InputError, Stopped, shown
 from apf.planning import EvaluationSettings
+from apf.planning.measures import MEASURES
 
 OPTIMISERS = ("optuna", "ax", "nevergrad")
 """Hydra's sweepers that use the objective of a run."""
@@ -32,8 +33,8 @@ def metrics_of(regret: pd.DataFrame, accuracy: pd.DataFrame) -> dict[int, dict[s
     """Metrics by step.
 
     For each world and task the median regret and the share of chosen plans that succeeded; for each task the mean
-    chance that was predicted of these plans; the accuracy for each length. A planner picks the plans that a model is
-    too sure of, so more was predicted than succeeds (the optimiser's curse).
+    chance that was predicted of these plans; for each length what `apf.planning.measures` says. A planner picks the
+    plans that a model is too sure of, so more was predicted than succeeds (the optimiser's curse).
 
     Args:
         regret: Rows of `regret.parquet`, of one or more evaluations.
@@ -47,9 +48,12 @@ def metrics_of(regret: pd.DataFrame, accuracy: pd.DataFrame) -> dict[int, dict[s
     chances = regret.groupby(["step", "task"], sort=False)["chance"].mean()
     for (step, task), value in zip(chances.index.tolist(), chances.tolist(), strict=True):
         found.setdefault(step, {})[f"predicted/{task}"] = value
-    rows = (accuracy[column].tolist() for column in ("step", "length", "accuracy"))
-    for step, length, share in zip(*rows, strict=True):
-        found.setdefault(step, {})[f"accuracy/{length}"] = share
+    for name in MEASURES:
+        if name not in accuracy:  # of an earlier version
+            continue
+        rows = (accuracy[column].tolist() for column in ("step", "length", name))
+        for step, length, value in zip(*rows, strict=True):
+            found.setdefault(step, {})[f"{name}/{length}"] = value
     return found
 
 
@@ -59,7 +63,7 @@ def names_of(evaluation: EvaluationSettings, tasks: Iterable[str]) -> list[str]:
     lengths = evaluation.lengths if evaluation.test_plans else []
     kinds = [f"{kind}/{name}" for kind in ("regret", "success") for name in where]
     kinds += [f"predicted/{task}" for task in tasks] if evaluation.problems else []
-    return kinds + [f"accuracy/{length}" for length in lengths]
+    return kinds + [f"{name}/{length}" for name in MEASURES for length in lengths]
 
 
 def check_objective(objective: Objective, evaluation: EvaluationSettings, tasks: Iterable[str]) -> None:

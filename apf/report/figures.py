@@ -1,22 +1,30 @@
-"""Learning curves as figures of a paper: regret for each task, accuracy for each length."""
+"""Learning curves as tables and figures of a paper: regret for each task, accuracy and its like for each length."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import cycle
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import pandas as pd
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-    from matplotlib.lines import Line2D
+from apf.errors import InputError
+from apf.planning.measures import MEASURES
+from apf.report.names import world_of
+from apf.report.panels import Row, draw_rows
 
-PANEL = (2.6, 2.3)
-"""How wide and how tall one panel is [inch]."""
-MARKERS = "os^DvX"
-"""Of the groups in turn: some of their colours are close to each other."""
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+QUANTITIES = {
+    "accuracy": "Accuracy",
+    "auc": "Area under the ROC curve",
+    "nll": "Negative log-likelihood [nats]",
+    "ece": "Expected calibration error",
+}
+"""What the measures of an evaluation are called on an axis."""
+CHANCE = {"accuracy": 0.5, "auc": 0.5, "nll": math.log(2)}
+"""What a predictor reaches that says 1/2 of every plan, where that is a mark to compare with."""
 
 
 @dataclass(frozen=True)
@@ -46,34 +54,71 @@ def regret_curves(regret: pd.DataFrame) -> pd.DataFrame:
     return curves.reset_index()[["group", "world", "task", "plans", "median", "q25", "q75", "runs", "problems"]]
 
 
-def accuracy_curves(accuracy: pd.DataFrame) -> pd.DataFrame:
-    """Mean, least and greatest accuracy over runs, and mean AUC: group, length, plans, mean, min, max, auc, runs."""
-    by = accuracy.groupby(["group", "length", "plans"], sort=False)
-    curves = by["accuracy"].agg(["mean", "min", "max"])
-    curves["auc"] = by["auc"].mean()
+def accuracy_curves(accuracy: pd.DataFrame, metric: str = "accuracy") -> pd.DataFrame:
+    """One measure over runs: group, length, plans, mean, min, max, then the means of the other measures, runs.
+
+    Args:
+        accuracy: Rows of `accuracy.parquet`, with columns run and group. Tables of earlier versions lack some measures.
+        metric: One of `MEASURES`.
+
+    Raises:
+        InputError: No run has this measure.
+    """
+    known = [name for name in MEASURES if name in accuracy]
+    if metric not in known:
+        raise InputError(f"the runs are of an earlier version, which did not measure {metric}; have {', '.join(known)}")
+    by = accuracy.dropna(subset=[metric]).groupby(["group", "length", "plans"], sort=False)
+    curves = by[metric].agg(["mean", "min", "max"])
+    for name in known:
+        if name != metric:
+            curves[name] = by[name].mean()
     curves["runs"] = by["run"].nunique()
     return curves.reset_index()
 
 
 def plot_regret(curves: pd.DataFrame, words: Words) -> "Figure":
     """One row for each world, one panel for each task: the median, shaded between the quartiles."""
-    tasks = list(dict.fromkeys(curves["task"]))
-    titles = {task: words.titles.get(task) or task.replace("_", " ") for task in tasks}
-    rows = {f"Regret in world {world}": curves[curves["world"] == world] for world in sorted(set(curves["world"]))}
-    figure, panels = _panels(rows, "task", titles, ("median", "q25", "q75"), words)
-    panels[0].set_ylim(-0.03, 1.03)
-    return figure
+    titles = {task: words.titles.get(task) or task.replace("_", " ") for task in dict.fromkeys(curves["task"])}
+    worlds = sorted(set(curves["world"]))
+    low = min(0.0, float(curves["q25"].min()))
+    narrow = bool((curves["median"] < 0.25).mean() > 0.5)
+    limits = (low - (0.002 if narrow else 0.03), max(1.0, float(curves["q75"].max())) * (1.15 if narrow else 1.03))
+    if narrow and curves["q75"].max() < 0.25:
+        limits = (limits[0], float(curves["q75"].max()) * 1.15)
+    rows = [
+        Row(f"Regret, {world_of(world)}", curves[curves["world"] == world], ("median", "q25", "q75"), limits, narrow)
+        for world in worlds
+    ]
+    return draw_rows(rows, "task", titles, f"Labelled {plural(words.plan)}")
 
 
-def plot_accuracy(curves: pd.DataFrame, words: Words) -> "Figure":
-    """One panel for each length: the mean, shaded from the least to the greatest run."""
-    lengths = sorted(set(curves["length"]))
+def plot_accuracy(curves: pd.DataFrame, words: Words, metric: str = "accuracy") -> "Figure":
+    """One panel for each length: the mean of a measure over runs, shaded from the least to the greatest run.
+
+    Args:
+        curves: What `accuracy_curves` gives of the measure.
+        words: Of the domain.
+        metric: One of `MEASURES`.
+    """
+    return plot_measures({metric: curves}, words)
+
+
+def plot_measures(curves: Mapping[str, pd.DataFrame], words: Words) -> "Figure":
+    """One row for each measure, one panel for each length, as in `plot_accuracy`."""
+    lengths = sorted({length for table in curves.values() for length in table["length"]})
     titles = {length: f"{length} {plural(words.object)}" for length in lengths}
-    figure, panels = _panels({"Accuracy": curves}, "length", titles, ("mean", "min", "max"), words)
-    panels[0].set_ylim(min(0.45, curves["min"].min() - 0.03), 1.01)
-    for axes in panels:
-        axes.axhline(0.5, color="0.75", linewidth=0.8, linestyle=":", zorder=0)
-    return figure
+    rows = [_row(metric, table) for metric, table in curves.items()]
+    return draw_rows(rows, "length", titles, f"Labelled {plural(words.plan)}")
+
+
+def _row(metric: str, curves: pd.DataFrame) -> Row:
+    """The row of a measure. Accuracy and AUC end at 1; NLL and ECE begin at 0, on a narrow axis if all are small."""
+    high, low = float(curves["max"].max()), float(curves["min"].min())
+    best_is_high = metric in ("accuracy", "auc")
+    narrow = not best_is_high and high < 0.25
+    limits = (min(0.4, low - 0.1), 1.01) if best_is_high else (0.0, high * 1.15 or 1.0)
+    lines = ("mean", "min", "max")
+    return Row(QUANTITIES[metric], curves, lines, limits, narrow, CHANCE.get(metric), best_is_high)
 
 
 def plural(word: str) -> str:
@@ -98,80 +143,3 @@ def save(figure: "Figure", table: pd.DataFrame, stem: Path) -> list[Path]:
     table.to_csv(paths[2], index=False)
     plt.close(figure)
     return paths
-
-
-def _panels(
-    rows: Mapping[str, pd.DataFrame],
-    column: str,
-    titles: Mapping[Any, str],
-    lines: tuple[str, str, str],
-    words: Words,
-) -> tuple["Figure", list["Axes"]]:
-    """Rows of panels over the number of labelled plans, one line with its band for each group.
-
-    A single row of many panels is broken into two.
-    """
-    import matplotlib as mpl
-
-    if mpl.get_backend().lower() != "agg":
-        mpl.use("agg")
-    import seaborn as sns
-
-    groups = list(dict.fromkeys(group for curves in rows.values() for group in curves["group"]))
-    colours = dict(zip(groups, sns.color_palette("colorblind", len(groups)), strict=True))
-    cells = [(quantity, curves, value) for quantity, curves in rows.items() for value in titles]
-    columns = -(-len(titles) // 2) if len(rows) == 1 and len(titles) > 4 else len(titles)
-    style: Any = {"font.size": 8, "axes.titlesize": 9, "axes.labelsize": 8, "legend.fontsize": 8, "pdf.fonttype": 42}
-    with sns.axes_style("ticks", {"axes.grid": True, "grid.color": "0.92"}), mpl.rc_context(style):
-        figure, panels, abreast = _grid(len(cells), columns, groups)
-        for number, ((quantity, curves, value), axes) in enumerate(zip(cells, panels, strict=True)):
-            handles = _curves(axes, curves[curves[column] == value], colours, lines)
-            if number < len(titles):
-                axes.set_title(titles[value], parse_math=False)
-            if number >= len(cells) - columns:
-                axes.set_xlabel(f"Labelled {plural(words.plan)}")
-                axes.tick_params(labelbottom=True)
-            if number % columns == 0:
-                axes.set_ylabel(quantity, parse_math=False)
-        sns.despine(figure)
-        if len(groups) > 1:
-            legend = figure.legend(handles, groups, loc="outside upper center", ncols=abreast, frameon=False)
-            for text in legend.get_texts():  # names that a person gave, a `$` in them too
-                text.set_parse_math(False)
-    return figure, panels
-
-
-def _grid(cells: int, columns: int, groups: Sequence[str]) -> tuple["Figure", list["Axes"], int]:
-    """A figure, its panels, and how many names of groups its legend has in a row."""
-    import matplotlib.pyplot as plt
-
-    wide, tall = PANEL
-    depth = -(-cells // columns)
-    entry = 0.5 + 0.062 * max(map(len, groups))  # of the legend [inch], about
-    abreast = min(6, len(groups), max(1, int(wide * columns / entry)))
-    legend_rows = -(-len(groups) // abreast) if len(groups) > 1 else 0
-    size = (max(wide * columns, entry) + 0.3, tall * depth + 0.2 * legend_rows)
-    figure, grid = plt.subplots(
-        depth, columns, figsize=size, sharex=True, sharey=True, squeeze=False, layout="constrained"
-    )
-    for spare in grid.flat[cells:]:
-        spare.remove()
-    return figure, list(grid.flat)[:cells], abreast
-
-
-def _curves(
-    axes: "Axes", curves: pd.DataFrame, colours: Mapping[str, Any], lines: tuple[str, str, str]
-) -> list["Line2D"]:
-    """The line and the band of each group, in one panel. Returns the lines."""
-    centre, low, high = lines
-    outlined = len(colours) > 3  # more bands than that hide each other
-    handles = []
-    for (group, colour), shape in zip(colours.items(), cycle(MARKERS)):
-        line = curves[curves["group"] == group].sort_values("plans")
-        marker = shape if len(line) < 15 else None
-        handles += axes.plot(line["plans"], line[centre], color=colour, marker=marker, markersize=3.5)
-        shade = 0.05 if outlined else 0.18
-        axes.fill_between(line["plans"], line[low], line[high], color=colour, alpha=shade, linewidth=0)
-        if outlined:
-            axes.plot(line["plans"], line[[low, high]], color=colour, linewidth=0.6, linestyle=":")
-    return handles

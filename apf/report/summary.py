@@ -7,26 +7,31 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from apf.planning.measures import MEASURES
 from apf.report import figures
 from apf.report.runs import words_of
 from apf.rundir.kept import Summary, read_state
 
 
 def save_figures(directory: Path) -> None:
-    """Write the run's own regret and accuracy curves beside its tables."""
-    words = words_of(read_state(directory, Summary))
-    for name, curves_of, plot in (
-        ("regret", figures.regret_curves, figures.plot_regret),
-        ("accuracy", figures.accuracy_curves, figures.plot_accuracy),
-    ):
-        table = pd.read_parquet(directory / f"{name}.parquet").assign(run=0, group=directory.name)
-        curves = curves_of(table)
-        if len(curves):
-            figures.save(plot(curves, words), curves.drop(columns="group"), directory / "figures" / name)
+    """Write the run's own curves beside its tables: regret; accuracy, AUC, NLL and ECE."""
+    state = read_state(directory, Summary)
+    words, group = words_of(state), str(state["choices"].get("sampler", directory.name))
+    regret, accuracy = (
+        pd.read_parquet(directory / f"{name}.parquet").assign(run=0, group=group) for name in ("regret", "accuracy")
+    )
+    curves = figures.regret_curves(regret)
+    if len(curves):
+        figures.save(figures.plot_regret(curves, words), curves.drop(columns="group"), directory / "figures" / "regret")
+    if len(accuracy):
+        measured = {name: figures.accuracy_curves(accuracy, name) for name in MEASURES if name in accuracy}
+        table = figures.accuracy_curves(accuracy).drop(columns=["group", "mean", "min", "max"])
+        table.insert(2, "accuracy", measured["accuracy"]["mean"])
+        figures.save(figures.plot_measures(measured, words), table, directory / "figures" / "accuracy")
 
 
 def print_summary(directory: Path, console: Console) -> None:
-    """Wall time, regret and success for each world and task, accuracy for each length, and the place."""
+    """Wall time, regret and success for each world and task, accuracy and its like for each length, and the place."""
     seconds = read_state(directory, Summary)["seconds"]
     regret, accuracy = (pd.read_parquet(directory / f"{name}.parquet") for name in ("regret", "accuracy"))
     last = max([*regret["step"], *accuracy["step"]], default=0)
@@ -44,7 +49,11 @@ def print_summary(directory: Path, console: Console) -> None:
         console.print(table)
     if len(accuracy):
         table = Table("length", *map(str, accuracy["length"]), box=None, pad_edge=False)
-        table.add_row("accuracy", *(f"{value:.3f}" for value in accuracy["accuracy"]))
+        for name in MEASURES:
+            if name in accuracy:  # tables of earlier versions lack some
+                table.add_row(
+                    name if name == "accuracy" else name.upper(), *(f"{value:.3f}" for value in accuracy[name])
+                )
         console.print(table)
     console.print("tables, figures, weights and journal:")
     console.print(str(directory))

@@ -7,22 +7,34 @@ import socket
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TextIO
+from typing import TYPE_CHECKING, TextIO
 
 import portalocker
 
-from apf.domain import Domain
 from apf.errors import InputError
 from apf.rundir.files import make_folder, read_yaml, sync_path_to
 from apf.rundir.journal import BEGINS
 
+if TYPE_CHECKING:
+    from apf.domain import Domain
+
 CONFIG, STATE, JOURNAL, LOCK, LOG = "config.yaml", "run.yaml", "journal.jsonl", "lock", "run.log"
-TABLES = ("plans.parquet", "regret.parquet", "accuracy.parquet", "evaluation_plans.parquet")
+CHOSEN_TABLE = "evaluation_plans.parquet"
+"""The table of the plans that evaluations chose."""
+TABLES = ("plans.parquet", "regret.parquet", "accuracy.parquet", CHOSEN_TABLE)
 WORLD_TABLE = "world.parquet"
 """The table of the world's reports, if the world reports anything."""
 FIRST = (STATE, JOURNAL, CONFIG)
 """Files that a run writes first, after the objects of its domain's plans."""
-LATER = (LOG, *TABLES, WORLD_TABLE, "weights/step_*.safetensors", "figures/regret.*", "figures/accuracy.*")
+LATER = (
+    LOG,
+    "metrics.csv",
+    *TABLES,
+    WORLD_TABLE,
+    "weights/step_*.safetensors",
+    "figures/regret.*",
+    "figures/accuracy.*",
+)
 """Files that a run writes later."""
 HOLDER = re.compile(r"process \d+ on \S+")
 """Content of a lock file."""
@@ -35,7 +47,7 @@ class Claim:
     directory: Path
     before: frozenset[str]
 
-    def abandon(self, domain: Domain) -> None:
+    def abandon(self, domain: "Domain") -> None:
         """Remove what this process made for a run that ended before its first record. All other files stay."""
         if JOURNAL not in self.before and not is_new(self.directory):
             return
@@ -114,7 +126,7 @@ def is_new(directory: Path) -> bool:
         return True
 
 
-def refuse_foreign(directory: Path, domain: Domain, identity: str) -> None:
+def refuse_foreign(directory: Path, domain: "Domain", identity: str) -> None:
     """Raises InputError, naming the file, if a new run would overwrite something in a directory that holds no run.
 
     What an earlier start of the same run wrote before it was killed is no such thing.
@@ -137,7 +149,7 @@ def _glob(directory: Path, name: str) -> list[Path]:
     return sorted(directory.glob(name)) if "*" in name else [path] * os.path.lexists(path)
 
 
-def _is_of_a_start(path: Path, domain: Domain, identity: str) -> bool:
+def _is_of_a_start(path: Path, domain: "Domain", identity: str) -> bool:
     """Is this what a start of the run writes, and replaces if it starts again?"""
     if path.is_symlink() or not path.is_file():
         return False

@@ -20,10 +20,15 @@ from apf.rundir.claim import CONFIG, JOURNAL, STATE, TABLES, WORLD_TABLE, is_new
 from apf.rundir.files import checksum, read_yaml, write_yaml
 from apf.rundir.journal import Journal, create
 from apf.rundir.kept import read_config, read_state
+from apf.rundir.provenance import now, provenance
 from apf.rundir.versions import versions
 
 NOT_KEPT = ("hydra.mode", "hydra.run.", "hydra.sweep", "hydra/sweeper", "hydra.launcher", "hydra/launcher")
 """Hydra's own overrides that say where and how a run is started, not what it is."""
+
+
+MANY, TARGET = ("task", "tracker"), "_target_"
+"""Groups of which several options may be chosen, unless one class fills the whole key."""
 
 
 def check(directory: Path, config: dict[str, Any], domain: Domain) -> bool:
@@ -106,13 +111,14 @@ def begin(directory: Path, config: dict[str, Any], domain: Domain, tasks: Mappin
         "id": identifier,
         "hash": config_hash(config),
         "sweep": config["sweep"] if in_sweep else None,
-        "choices": {**choices, "task": list(config["task"])},
+        "choices": {**choices, **{key: list(config[key]) for key in MANY if TARGET not in config[key]}},
         "overrides": as_typed(hydra.overrides.task),
         "cwd": str(Path.cwd()),
         "words": {"plan": domain.plan_word, "object": domain.object_word},
         "titles": {name: task.title for name, task in tasks.items()},
         "objects": domain.digests,
         "versions": versions(),
+        **provenance(),
         "finished": False,
         "seconds": 0.0,
     }
@@ -178,7 +184,8 @@ def finish(directory: Path, journal: Journal) -> None:
     weights = [f"weights/{path.name}" for path in sorted((directory / "weights").glob("*.safetensors"))]
     reported = [WORLD_TABLE] if (directory / WORLD_TABLE).exists() else []
     files = {name: checksum(directory / name) for name in (JOURNAL, *TABLES, *reported, *weights)}
-    done = {"finished": True, "seconds": round(journal.seconds, 1), "journal": asdict(journal.end), "files": files}
+    ended = {"finished": True, "seconds": round(journal.seconds, 1), "ended": now()}
+    done = {**ended, "journal": asdict(journal.end), "files": files}
     write_yaml(directory / STATE, {**read_state(directory), **done})
 
 

@@ -23,7 +23,7 @@ from apf.errors import InputError, Stopped
 from apf.rundir.files import replacing
 
 Record = dict[str, Any]
-FORMAT = 5
+FORMAT = 6
 """Format of the journals that this version writes and reads."""
 HEADER = 1
 """Number of lines before the first record."""

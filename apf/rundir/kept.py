@@ -47,6 +47,13 @@ class State(Summary):
     id: Annotated[str, Field(pattern=r"^\w+$")]
     overrides: list[str]
     cwd: Annotated[str, Field(min_length=1)]
+    source: dict[str, Choice] = {}
+    """Commit of the checkout that the run began with, and whether its files differed from the commit."""
+    machine: dict[str, Choice] = {}
+    """Host, CPU and GPU that the run began on."""
+    started: str | None = None
+    ended: str | None = None
+    """Times of day; None: by an earlier version, or unfinished."""
     objects: dict[str, str]
     """Digests of the sets of objects, by the names of their files."""
     journal: End | None = None

@@ -7,16 +7,18 @@ from typing import Any
 
 import torch
 
-PACKAGES = ("apf", "torch", "torch-geometric", "numpy")
+from apf import __version__
+
+PACKAGES = ("torch", "torch-geometric", "numpy")
 
 
 def versions() -> dict[str, str]:
     """Of this package, of Python, of the libraries that compute, and the instruction set that they compute with."""
-    found = {}
+    found = {"apf": __version__}
     for name in PACKAGES:
         try:
             found[name] = version(name)
-        except PackageNotFoundError:  # a checkout that is not installed
+        except PackageNotFoundError:  # of a library on Python's path alone
             found[name] = "not installed"
     found["torch"] = str(torch.__version__)  # says which build it is, too
     cpu = f"{platform.machine()} {torch.backends.cpu.get_cpu_capability()}"

@@ -20,12 +20,16 @@ from apf.errors import InputError
 from apf.settings import Whole, settings
 from apf.towers.balanced import balanced_towers
 from apf.towers.blocks import BlockSet
-from apf.towers.features import N_FEATURES, N_POSITION, features, mirrored, weighed
+from apf.towers.features import N_FEATURES, N_POSITION, features, mirrored, stretched, weighed
 from apf.towers.files import read_blocks, read_towers, tower_table, write_blocks
 from apf.towers.sources import BlockSource
 from apf.towers.stability import stands
 from apf.towers.towers import Offset, Towers, random_extensions, random_towers
 from apf.towers.variations import variations
+
+STRETCHES = np.array([0.8191725134, 0.6710436067, 0.5497004779])
+"""Steps, modulo 1, of a sequence that fills a cube evenly, however long it is (Roberts 2018, The unreasonable
+effectiveness of quasirandom sequences): shares of the range of stretches along x, y and z."""
 
 
 @settings
@@ -42,6 +46,9 @@ class TowerDomain(Domain):
     mass_scales: Annotated[Whole, Field(ge=0, le=100)] = 4
     """Train on each tower with its masses scaled so many ways, instead of its own? What stands, stands if every block
     weighs twice as much. 0: its own masses."""
+    stretch: bool = True
+    """Train on towers that are stretched along each axis, too? What stands, stands if all lengths along one axis are
+    twice as long."""
 
     n_features = N_FEATURES
     n_position = N_POSITION
@@ -108,14 +115,27 @@ class TowerDomain(Domain):
     def views(self, plans: Towers) -> Iterator[np.ndarray]:
         """Features of plans whose labels are the same as these have.
 
-        They are turned by 0, 90, 180, 270 degrees (Section Learning), each of these is mirrored if `mirror`, and the
-        masses of each are scaled in `mass_scales` ways. The first are the plans' own if there are none.
+        They are turned by 0, 90, 180, 270 degrees (Section Learning), each of these is mirrored if `mirror`, the masses
+        of each are scaled in `mass_scales` ways, and each of these is stretched in a way of its own if `stretch`. The
+        first are the plans' own if there are neither.
         """
-        masses = list(self._masses(plans))
+        masses, shares = list(self._masses(plans)), np.zeros(3)
         for quarters in range(4):
-            turned = features(plans.turned(quarters))
-            for view in (turned, mirrored(turned)) if self.mirror else (turned,):
-                yield from (weighed(view, mass) for mass in masses) if masses else (view,)
+            turned = plans.turned(quarters)
+            x = features(turned)
+            for view in (x, mirrored(x)) if self.mirror else (x,):
+                for weighed_view in (weighed(view, mass) for mass in masses) if masses else (view,):
+                    shares = (shares + STRETCHES) % 1
+                    yield stretched(weighed_view, self._stretch(turned, shares)) if self.stretch else weighed_view
+
+    def _stretch(self, plans: Towers, shares: np.ndarray) -> np.ndarray:
+        """[N, 3] factors along each axis: shares of the way from the smallest to the largest that is allowed.
+
+        The sides of stretched towers are to be in the range of those of the set.
+        """
+        shortest, longest = plans.blocks.dims.min(), plans.blocks.dims.max()
+        low, high = shortest / plans.dims.min(1), longest / plans.dims.max(1)
+        return low ** (1 - shares) * high**shares
 
     def _masses(self, plans: Towers) -> Iterator[np.ndarray]:
         """[N, K] masses in the same proportions [kg], from the lightest to the heaviest that the set's range allows."""

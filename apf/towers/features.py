@@ -65,3 +65,18 @@ def weighed(x: np.ndarray, mass: np.ndarray) -> np.ndarray:
     other = x.copy()
     other[..., MASS] = (mass - MEAN_MASS) * 2
     return other
+
+
+def stretched(x: np.ndarray, factor: np.ndarray) -> np.ndarray:
+    """The features [N, K, N_FEATURES] of the same towers, were all lengths along each axis so many times as long.
+
+    Args:
+        x: Features of N towers.
+        factor: [N, 3] along x, y and z.
+    """
+    other, factor = x.copy(), factor[:, None].astype(x.dtype)
+    other[..., SIDES] += MEAN_SIDE
+    for part in (COM, SIDES, POSITION):
+        other[..., part] *= factor
+    other[..., SIDES] -= MEAN_SIDE
+    return other

@@ -1,8 +1,8 @@
 """Trackers: a tracker mirrors a run, on the terminal or at Weights & Biases."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from enum import IntEnum
 from pathlib import Path
 from typing import Any
@@ -33,7 +33,8 @@ class RunInfo:
     """A run, as a tracker is told of it when the run starts or is resumed.
 
     id: stays the same when the run is resumed; a corrected label changes it. group: the sweep that the run belongs to,
-    or None. history: all earlier metrics of the run.
+    or None. history: all earlier metrics of the run. choices: the chosen option of each config group, as words. about:
+    commit, host, CPU and GPU that the run began with.
     """
 
     name: str
@@ -42,6 +43,22 @@ class RunInfo:
     config: dict[str, Any]
     group: str | None
     history: Sequence[Metrics]
+    choices: Mapping[str, str] = field(default_factory=dict)
+    about: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class RunFiles:
+    """What a finished run leaves behind, as a tracker is told of it.
+
+    plans: the number of labelled plans. tables, weights: the run's own files, the weights of the last step alone.
+    pictures: draws them, and returns the files, by a title of each.
+    """
+
+    plans: int
+    tables: Sequence[Path]
+    weights: Sequence[Path]
+    pictures: Callable[[], Mapping[str, Path]]
 
 
 class Tracker(ABC):
@@ -67,6 +84,9 @@ class Tracker(ABC):
     @abstractmethod
     def log(self, metrics: Metrics) -> None:
         """A phase of a step is done."""
+
+    def keep(self, files: RunFiles) -> None:  # noqa: B027
+        """The run has finished, and its files are complete."""
 
     @abstractmethod
     def finish(self, failed: bool) -> None:
@@ -112,6 +132,11 @@ class Trackers(Tracker):
         """Tell each."""
         for tracker in self.trackers:
             tracker.log(metrics)
+
+    def keep(self, files: RunFiles) -> None:
+        """Tell each."""
+        for tracker in self.trackers:
+            tracker.keep(files)
 
     def finish(self, failed: bool) -> None:
         """Finish each."""

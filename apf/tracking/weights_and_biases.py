@@ -4,12 +4,13 @@ import os
 import shutil
 import sys
 from collections.abc import Mapping
-from dataclasses import field
 from pathlib import Path
 from typing import Any, Literal
 
-from apf.settings import Seconds, settings
-from apf.tracking.base import Metrics, Phase, RunInfo, Tracker
+from apf.config.values import flatten
+from apf.settings import Seconds, Switch, settings
+from apf.tracking.base import Metrics, Phase, RunFiles, RunInfo
+from apf.tracking.mirror import Mirror
 
 Mode = Literal["offline", "online"]
 MODES: dict[str, Mode | None] = {
@@ -18,8 +19,11 @@ MODES: dict[str, Mode | None] = {
     "disabled": None,
 }
 """The values of W&B's variable WANDB_MODE, older names included, and the mode that each means; None: no mirror."""
-FAILURES = (Exception, SystemExit)
-"""Errors that a library may raise, SystemExit included. Ctrl-C and signals are not among them."""
+
+TAGGED = ("domain", "sampler", "model", "world", "predictor", "planner")
+"""Config groups whose chosen options are tags."""
+LONGEST_TAG = 64
+"""Characters that W&B allows in a tag."""
 
 
 def mode_here(chosen: Mode, environment: Mapping[str, str]) -> Mode | None:
@@ -35,15 +39,37 @@ def mode_here(chosen: Mode, environment: Mapping[str, str]) -> Mode | None:
     return MODES[named]
 
 
+def job_type(choices: Mapping[str, str]) -> str:
+    """What a run does: it learns, or it evaluates a predictor."""
+    return "learn" if choices.get("predictor", "learned") == "learned" else "evaluate"
+
+
+def tags(choices: Mapping[str, str]) -> list[str]:
+    """The words by which runs are found: what they chose."""
+    words = [choices[group] for group in TAGGED if group in choices and len(choices[group]) <= LONGEST_TAG]
+    return list(dict.fromkeys(words))
+
+
+def words_and_values(run: RunInfo) -> dict[str, Any]:
+    """The config of a W&B run: choices as words, values by their dotted keys, commit, host, CPU and GPU."""
+    values = {key: value for key, value in flatten(run.config).items() if "_target_" not in key}
+    words = {key: word for key, word in run.choices.items() if "/" not in key}
+    return {**words, **{f"run.{key}": value for key, value in run.about.items()}, **values}
+
+
 @settings
-class WandbTracker(Tracker):
+class WandbTracker(Mirror):
     """One W&B run per job. `offline` needs no account and no network: `wandb sync` sends the run later.
 
     A resumed run logs its whole history again, and each phase of a step has its own number. W&B skips the numbers that
     it has, so one W&B run holds the whole history. Offline, the files of earlier starts are then redundant, and are
     removed.
 
-    W&B's environment variables win over the config, except for those that identify the run.
+    W&B's environment variables win over the config, except for those that identify the run: only a run that
+    `wandb agent` starts is the run that the agent made.
+
+    The W&B run's config has the chosen options as words (`sampler: greedy`), and each value by its dotted key
+    (`training.batch: 64`), as one types them. Its tags are words, too.
     """
 
     project: str | None
@@ -51,30 +77,27 @@ class WandbTracker(Tracker):
     timeout: Seconds
     """Seconds that a run waits for W&B's servers: when it starts, and for the last metrics when it ends."""
     entity: str | None = None
-    _open: list[Any] = field(default_factory=list, init=False, repr=False)
-    """The run, while there is one."""
+    artifacts: Switch = True
+    """Keep the tables and the last weights as artifacts, and show pictures."""
 
-    def start(self, run: RunInfo) -> None:
-        """Open the run; its files lie in the run directory, or in WANDB_DIR."""
-        try:
-            mode = mode_here(self.mode, os.environ)
-            if self.mode == "online" != mode:
-                print(f"tracker.mode is online, but W&B is {mode or 'disabled'} in this environment", file=sys.stderr)
-            if mode is not None:
-                self._open.append(self._opened(run, mode))
-        except FAILURES as error:
-            self._go_on_without(error)
-        for metrics in run.history if self._open else ():
-            self.log(metrics)
+    title = "W&B"
+
+    def open_run(self, run: RunInfo) -> Any:
+        """W&B's run; its files lie in the run directory, or in WANDB_DIR. Raises anything, on W&B's import too."""
+        mode = mode_here(self.mode, os.environ)
+        if self.mode == "online" != mode:
+            print(f"tracker.wandb.mode is online, but W&B is {mode or 'disabled'} in this environment", file=sys.stderr)
+        return None if mode is None else self._opened(run, mode)
 
     def _opened(self, run: RunInfo, mode: Mode) -> Any:
-        """W&B's run. Raises whatever W&B raises, on its import too."""
         directory = Path(os.environ.get("WANDB_DIR") or run.directory)
+        identifier = (os.environ.get("WANDB_RUN_ID") if os.environ.get("WANDB_SWEEP_ID") else None) or run.id
         if mode == "offline":
-            for folder in (directory / "wandb").glob(f"offline-run-*-{run.id}"):
+            for folder in (directory / "wandb").glob(f"offline-run-*-{identifier}"):
                 shutil.rmtree(folder, ignore_errors=True)
         directory.mkdir(parents=True, exist_ok=True)  # W&B would take a temporary one
         os.environ.setdefault("WANDB_ERROR_REPORTING", "false")  # no reports of W&B's own errors
+        os.environ.setdefault("WANDB_DATA_DIR", str(directory / "wandb"))  # where artifacts wait to be sent
         os.environ.setdefault("WANDB_SILENT", "true")  # nothing printed, and no question of who is there
         import wandb
 
@@ -86,11 +109,13 @@ class WandbTracker(Tracker):
             entity=self.entity,
             mode=mode,
             name=run.name,
-            id=run.id,
+            id=identifier,
             resume="allow" if mode == "online" else None,
             group=run.group,
+            job_type=job_type(run.choices),
+            tags=tags(run.choices),
             dir=directory,
-            config=run.config,
+            config=words_and_values(run),
             reinit="create_new",  # whatever became of the run of another job of this process
             settings=wandb.Settings(**own, finish_timeout_raises=True),
         )
@@ -98,26 +123,28 @@ class WandbTracker(Tracker):
         opened.define_metric("*", step_metric="plans")
         return opened
 
-    def log(self, metrics: Metrics) -> None:
+    def write(self, opened: Any, metrics: Metrics) -> None:
         """Curves over the number of labelled plans."""
         numbers = {name: float(value) for name, value in metrics.values.items()}
         row = {"plans": metrics.plans, "step": metrics.step, **numbers}
-        for run in tuple(self._open):
-            try:
-                run.log(row, step=metrics.step * len(Phase) + metrics.phase)
-            except FAILURES as error:
-                self._go_on_without(error)
+        opened.log(row, step=metrics.step * len(Phase) + metrics.phase)
 
-    def finish(self, failed: bool) -> None:
-        """Close the run, so that the next job of this process opens its own."""
-        for run in tuple(self._open):
-            try:
-                run.finish(exit_code=int(failed))
-            except FAILURES as error:
-                self._go_on_without(error)
-        self._open.clear()
+    def write_files(self, opened: Any, files: RunFiles) -> None:
+        """Pictures, and the run's tables and weights as artifacts."""
+        if not self.artifacts:
+            return
+        import wandb
 
-    def _go_on_without(self, error: BaseException) -> None:
-        self._open.clear()
-        reason = next(iter(str(error).splitlines()), "") or type(error).__name__
-        print(f"W&B does not work, going on without it: {reason}", file=sys.stderr, flush=True)
+        pictures = {name: wandb.Image(str(path)) for name, path in files.pictures().items()}
+        if pictures:
+            opened.log({"plans": files.plans, **pictures})
+        for kind, paths in (("tables", files.tables), ("model", files.weights)):
+            artifact = wandb.Artifact(f"{kind}-{opened.id}", type=kind)
+            for path in paths:
+                artifact.add_file(str(path))
+            if paths:
+                opened.log_artifact(artifact)
+
+    def close(self, opened: Any, failed: bool) -> None:
+        """Close the run."""
+        opened.finish(exit_code=int(failed))

@@ -163,9 +163,9 @@ def test_wrong_type_or_form(here: Path, override: str, key: str) -> None:
 @pytest.mark.parametrize(
     ("override", "words"),
     [
-        ("tracker.mode=bogus", ("mode", "bogus", "offline", "online")),
-        ("+tracker.nonsense=1", ("tracker.nonsense", "project, entity, mode")),
-        ("++tracker.nonsense=1", ("tracker", "nonsense")),
+        ("tracker.wandb.mode=bogus", ("mode", "bogus", "offline", "online")),
+        ("+tracker.wandb.nonsense=1", ("tracker.wandb.nonsense", "project, entity, mode")),
+        ("++tracker.wandb.nonsense=1", ("tracker", "nonsense")),
     ],
 )
 def test_tracker(here: Path, override: str, words: tuple[str, ...]) -> None:

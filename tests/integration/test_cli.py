@@ -107,7 +107,7 @@ def test_the_defaults_are_those_of_the_paper() -> None:
     assert list(cfg.task) == ["tallest", "overhang", "unsupported"]
     assert (cfg.evaluation.every, cfg.evaluation.problems, cfg.evaluation.length) == (100, 50, 5)
     assert cfg.planner.candidates == 100_000
-    assert cfg.tracker.mode == "offline"
+    assert cfg.tracker.wandb.mode == "offline"
 
 
 def test_help_reads_like_a_page() -> None:

@@ -134,9 +134,9 @@ def test_what_may_be_given_with_resume(here: Path, monkeypatch: pytest.MonkeyPat
 
 def test_another_tracker_takes_the_place_of_the_kept_one(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     stopped(monkeypatch, "tracker=none", "hydra.run.dir=run")
-    call("resume=run", "tracker=wandb", "tracker.project=mine").must_work()
+    call("resume=run", "tracker=wandb", "tracker.wandb.project=mine").must_work()
     assert list((here / "run" / "wandb").glob("offline-run-*"))
-    call("resume=run", "tracker.project=mine").must_refuse("tracker.project")
+    call("resume=run", "tracker.wandb.project=mine").must_refuse("tracker.wandb.project")
 
 
 @pytest.mark.parametrize(

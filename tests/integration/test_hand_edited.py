@@ -10,8 +10,8 @@ import pandas as pd
 import pytest
 import yaml
 
+from apf.commands.relabel import domain_of
 from apf.errors import InputError
-from apf.relabel import domain_of
 from apf.report.runs import find_runs, label_runs
 from apf.report.summary import print_summary
 from apf.rundir.directory import check, finished, lengthen, reopen

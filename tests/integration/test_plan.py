@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from apf.plan import plan
+from apf.commands.plan import plan
 from apf.planning import SearchPlanner
 from apf.towers import (
     AnalyticPredictor,

@@ -195,7 +195,7 @@ def test_a_missing_or_damaged_journal(stopped: Path) -> None:
     call("resume=run").must_refuse("journal.jsonl is damaged: line 1 of 7")
     lines = text.splitlines(keepends=True)
     journal.write_bytes(b"".join(lines[1:]))
-    call("resume=run").must_refuse("journal.jsonl has format 1", "reads format 5")
+    call("resume=run").must_refuse("journal.jsonl has format 1", "reads format 6")
     journal.write_bytes(b"")
     call("resume=run").must_refuse("journal.jsonl is empty", "all labels")
     journal.unlink()

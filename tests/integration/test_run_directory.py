@@ -11,9 +11,9 @@ import torch
 import yaml
 from hydra import compose, initialize_config_dir
 
+from apf.commands.run import make_model
 from apf.config.values import config_dir
 from apf.domain import Kind
-from apf.main import make_model
 from apf.planning import Evaluator, regret_table
 from apf.rundir.store import Store
 from apf.schema import validate
@@ -35,7 +35,7 @@ REGRET = [
     "search_value",
     "search_regret",
 ]
-ACCURACY = ["step", "plans", "length", "accuracy", "auc", "n"]
+ACCURACY = ["step", "plans", "length", "accuracy", "auc", "nll", "ece", "n"]
 TASKS = ["tallest", "overhang", "unsupported"]
 WORLDS = ["analytic", "noisy"]
 PLACEMENTS = [
@@ -141,7 +141,8 @@ def test_accuracy_table(smoke: tuple[Path, Result]) -> None:
     assert list(table[["step", "plans", "length"]].itertuples(index=False, name=None)) == expected
     assert (table["n"] == 20).all()
     assert table["accuracy"].between(0, 1).all()
-    assert table["auc"].between(0, 1).all()
+    assert table[["auc", "ece"]].apply(lambda values: values.between(0, 1)).all(axis=None)
+    assert (table["nll"] > 0).all()
     assert np.allclose(table["accuracy"] * 20, (table["accuracy"] * 20).round())
 
 
@@ -225,7 +226,8 @@ def test_figures_are_figures_of_the_tables(smoke: tuple[Path, Result]) -> None:
     drawn = pd.read_csv(folder / "accuracy.csv")
     accuracy = pd.read_parquet(smoke[0] / "accuracy.parquet").sort_values(["length", "plans"])
     drawn = drawn.sort_values(["length", "plans"])
-    assert np.allclose(drawn[["mean", "min", "max"]], accuracy[["accuracy"]])
+    measures = ["accuracy", "auc", "nll", "ece"]
+    assert np.allclose(drawn[measures], accuracy[measures])
 
 
 @pytest.mark.slow

@@ -42,6 +42,9 @@ class FakeRun:
 
     def __init__(self, settings: dict[str, Any]) -> None:
         self.settings = settings
+        self.id = settings["id"]
+        self.media: list[dict[str, Any]] = []
+        self.artifacts: list[Any] = []
         self.metrics: list[tuple[str, str | None]] = []
         self.logged: list[dict[str, float]] = []
         self.numbers: list[int] = []
@@ -50,11 +53,17 @@ class FakeRun:
     def define_metric(self, name: str, step_metric: str | None = None) -> None:
         self.metrics.append((name, step_metric))
 
-    def log(self, figures: dict[str, float], step: int) -> None:
+    def log(self, figures: dict[str, float], step: int | None = None) -> None:
         assert not self.finished, "logged after the end"
+        if step is None:
+            self.media.append(figures)
+            return
         assert step not in self.numbers, "two rows under one number"
         self.numbers.append(step)
         self.logged.append(figures)
+
+    def log_artifact(self, artifact: Any) -> None:
+        self.artifacts.append(artifact)
 
     def finish(self, exit_code: int) -> None:
         self.finished.append(exit_code)
@@ -123,13 +132,33 @@ def test_jobs_of_a_sweep_are_runs_of_their_own(here: Path) -> None:
 
 @pytest.mark.usefixtures("no_figures")
 def test_what_is_told(here: Path, fakes: list[FakeRun]) -> None:
-    call(*TINY, "tracker=wandb", "tracker.project=mine", "tracker.entity=us", "hydra.run.dir=run").must_work()
+    call(
+        *TINY, "tracker=wandb", "tracker.wandb.project=mine", "tracker.wandb.entity=us", "hydra.run.dir=run"
+    ).must_work()
     (run,) = fakes
     assert (run.settings["mode"], run.settings["project"], run.settings["entity"]) == ("offline", "mine", "us")
     assert run.settings["name"] == "run"
     assert run.settings["group"] is None
     assert Path(run.settings["dir"]).resolve() == here / "run"
-    assert run.settings["config"] == yaml.safe_load((here / "run" / "config.yaml").read_text())
+    config = yaml.safe_load((here / "run" / "config.yaml").read_text())
+    told_config = run.settings["config"]
+    assert {key: told_config[key] for key in ("sampler", "model", "world", "domain")} == {
+        "sampler": "sequential",
+        "model": "tgn",
+        "world": "noisy",
+        "domain": "towers",
+    }
+    assert told_config["task"] == "tallest+overhang+unsupported"
+    assert told_config["training.batch"] == config["training"]["batch"]
+    assert {"run.commit", "run.host", "run.cpu"} <= set(told_config)
+    assert not any("_target_" in key for key in told_config)
+    assert run.settings["job_type"] == "learn"
+    assert run.settings["tags"] == ["towers", "sequential", "tgn", "noisy", "learned", "monte_carlo"]
+    (media,) = run.media
+    assert {"chosen/tallest", "chosen/overhang", "chosen/unsupported"} <= set(media)
+    tables, model = run.artifacts
+    assert {"plans.parquet", "regret.parquet"} <= set(tables.manifest.entries)
+    assert set(model.manifest.entries) == {"step_0002.safetensors"}
     assert run.metrics == [("plans", None), ("*", "plans")]
     assert run.finished == [0]
     told = {}
@@ -168,7 +197,7 @@ def test_jobs_of_a_sweep_are_grouped(here: Path, fakes: list[FakeRun]) -> None:
 
 @pytest.mark.usefixtures("no_figures")
 def test_online_is_passed_on(here: Path, fakes: list[FakeRun]) -> None:
-    call(*TINY, "tracker=wandb", "tracker.mode=online", "hydra.run.dir=run").must_work()
+    call(*TINY, "tracker=wandb", "tracker.wandb.mode=online", "hydra.run.dir=run").must_work()
     assert [run.settings["mode"] for run in fakes] == ["online"]
 
 
@@ -225,7 +254,7 @@ def interrupt_after(labels: int, monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_resumed_run_is_one_run_with_its_whole_history(
     here: Path, fakes: list[FakeRun], monkeypatch: pytest.MonkeyPatch, mode: str
 ) -> None:
-    command = (*TINY, "tracker=wandb", f"tracker.mode={mode}")
+    command = (*TINY, "tracker=wandb", f"tracker.wandb.mode={mode}")
     call(*command, "hydra.run.dir=whole").must_work()
     with monkeypatch.context() as patch:
         interrupt_after(10, patch)
@@ -312,13 +341,13 @@ def test_failing_at_the_start_costs_the_mirror_only(
         raise error
 
     monkeypatch.setattr(wandb, "init", failing)
-    assert goes_on_without("tracker.mode=online") == str(error).splitlines()[0]
+    assert goes_on_without("tracker.wandb.mode=online") == str(error).splitlines()[0]
 
 
 @pytest.mark.usefixtures("no_figures")
 def test_online_without_a_login(here: Path) -> None:
     """With the real library, at the start of a run."""
-    assert "No API key configured" in goes_on_without("tracker.mode=online")
+    assert "No API key configured" in goes_on_without("tracker.wandb.mode=online")
 
 
 @pytest.mark.usefixtures("no_figures")
@@ -330,7 +359,7 @@ def test_a_resume_without_a_login(here: Path, fakes: list[FakeRun], monkeypatch:
 
     with monkeypatch.context() as patch:
         interrupt_after(10, patch)
-        assert call(*TINY, "tracker=wandb", "tracker.mode=online", "hydra.run.dir=run").code == 130
+        assert call(*TINY, "tracker=wandb", "tracker.wandb.mode=online", "hydra.run.dir=run").code == 130
     monkeypatch.setattr(wandb, "init", failing)
     result = call("resume=run").must_work()
     assert result.err.count("W&B does not work, going on without it: No API key configured") == 1
@@ -350,7 +379,7 @@ def test_without_the_library(here: Path, monkeypatch: pytest.MonkeyPatch, module
 def test_a_resume_without_the_library(here: Path, monkeypatch: pytest.MonkeyPatch, module: ModuleType | None) -> None:
     with monkeypatch.context() as patch:
         interrupt_after(10, patch)
-        assert call(*TINY, "tracker=wandb", "tracker.mode=offline", "hydra.run.dir=run").code == 130
+        assert call(*TINY, "tracker=wandb", "tracker.wandb.mode=offline", "hydra.run.dir=run").code == 130
     monkeypatch.setitem(sys.modules, "wandb", module)  # type: ignore[arg-type]
     assert call("resume=run").must_work().err.count("W&B does not work, going on without it: ") == 1
 
@@ -400,7 +429,13 @@ def test_a_server_that_fails_or_never_answers(tmp_path: Path, how: str) -> None:
     """With the real library: an error from the beginning, no answer at all, and both after the run has opened."""
     with Server(how) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
-        overrides = [*TINY, "tracker=wandb", "tracker.mode=online", "tracker.timeout=2", "hydra.run.dir=run"]
+        overrides = [
+            *TINY,
+            "tracker=wandb",
+            "tracker.wandb.mode=online",
+            "tracker.wandb.timeout=2",
+            "hydra.run.dir=run",
+        ]
         begun = time.monotonic()
         result = spawn(
             ["-m", "apf.main", *overrides],
@@ -449,9 +484,9 @@ def test_environment_variables(here: Path, fakes: list[FakeRun], monkeypatch: py
     }
     for name, value in variables.items():
         monkeypatch.setenv(f"WANDB_{name}", value)
-    result = call(*TINY, "tracker=wandb", "tracker.mode=online", "hydra.run.dir=run").must_work()
-    assert "tracker.mode is online, but W&B is offline in this environment" in result.err
-    call(*TINY, "tracker=wandb", "tracker.project=mine", "seed=1", "hydra.run.dir=other").must_work()
+    result = call(*TINY, "tracker=wandb", "tracker.wandb.mode=online", "hydra.run.dir=run").must_work()
+    assert "tracker.wandb.mode is online, but W&B is offline in this environment" in result.err
+    call(*TINY, "tracker=wandb", "tracker.wandb.project=mine", "seed=1", "hydra.run.dir=other").must_work()
     (first, second) = fakes
     assert first.settings["mode"] == "offline"
     assert Path(first.settings["dir"]) == here / "elsewhere"

@@ -1,0 +1,113 @@
+"""What a command does before it works: it says its version, its help and its completions, and waits for no library."""
+
+import re
+import subprocess
+import sys
+import tomllib
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+import apf
+from apf.source import Commit, commit_of, version_line
+from integration.command_line import MAINS, REPOSITORY, call, child_environment, spawn
+
+HEAVY = ("torch", "pandas", "numpy", "matplotlib", "wandb")
+LIGHT = [name for name in MAINS if not name.startswith("apf.panda")]
+"""Commands without the robot's libraries."""
+PROBE = """
+import sys
+from importlib import import_module
+name, *sys.argv[1:] = sys.argv[1:]
+try:
+    import_module(name).main()
+finally:
+    print("loaded:", *[library for library in {heavy} if library in sys.modules])
+"""
+
+
+def loaded(command: str, *arguments: str, cwd: Path, **environment: str) -> tuple[str, str]:
+    """What a command printed, and which heavy libraries it had imported by its end."""
+    result = spawn(["-c", PROBE.format(heavy=HEAVY), command, *arguments], cwd, **environment)
+    return result.out + result.err, result.out.rpartition("loaded:")[2].strip()
+
+
+@pytest.mark.parametrize("command", LIGHT)
+@pytest.mark.parametrize("arguments", [("--help",), ("--version",)], ids=" ".join)
+def test_help_and_version_import_no_heavy_library(tmp_path: Path, command: str, arguments: tuple[str, ...]) -> None:
+    said, libraries = loaded(command, *arguments, cwd=tmp_path)
+    assert ("Usage" if arguments == ("--help",) else f"apf {apf.__version__}") in said
+    assert libraries == ""
+
+
+def test_completion_imports_no_heavy_library(tmp_path: Path) -> None:
+    said, libraries = loaded("apf.main", "-sc", "install=bash", cwd=tmp_path)
+    assert "complete " in said
+    assert libraries == ""
+    line = "apf sampler="
+    said, libraries = loaded("apf.main", "-sc", "query=bash", cwd=tmp_path, COMP_LINE=line, COMP_POINT=str(len(line)))
+    assert {"sampler=greedy", "sampler=sequential"} <= set(said.split())
+    assert libraries == ""
+
+
+@pytest.mark.parametrize("command", LIGHT)
+def test_a_wrong_key_imports_no_heavy_library(tmp_path: Path, command: str) -> None:
+    given = ("run=x", "world=noisy") if command == "apf.evaluate" else ()
+    said, libraries = loaded(command, *given, "seeed=1", cwd=tmp_path)
+    assert "error: seeed: there is no such key" in said
+    assert libraries == ""
+
+
+@pytest.mark.parametrize("command", MAINS)
+def test_version_of_every_command(command: str) -> None:
+    assert call("--version", command=command).must_work().out == version_line() + "\n"
+
+
+def test_hydras_page_is_printed_where_more_is_asked() -> None:
+    """Our page has what Hydra's has, and the sweeps."""
+    ours, hydras = (call(*arguments).must_work().out for arguments in (("--help",), ("--help", "seed=1")))
+    differing = [(a, b) for a, b in zip(ours.splitlines(), hydras.splitlines(), strict=True) if a != b]
+    ((mine, theirs),) = differing
+    assert theirs == "experiment: smoke"
+    assert set(mine.replace(",", "").split()) > {"experiment:", "smoke", "strategies"}
+
+
+def test_every_command_is_a_console_script() -> None:
+    scripts = tomllib.loads((REPOSITORY / "pyproject.toml").read_text())["project"]["scripts"]
+    for target in scripts.values():
+        module, _, function = target.partition(":")
+        assert callable(getattr(import_module(module), function))
+    assert {target.partition(":")[0] for target in scripts.values()} == set(MAINS)
+
+
+def git(folder: Path, *arguments: str) -> str:
+    identity = ["-c", "user.name=a", "-c", "user.email=a@b"]
+    command = ["git", "-C", str(folder), *identity, *arguments]
+    return subprocess.run(command, check=True, capture_output=True, text=True, env=child_environment()).stdout.strip()
+
+
+def test_the_commit_of_a_checkout(tmp_path: Path) -> None:
+    package = tmp_path / "checkout" / "package"
+    package.mkdir(parents=True)
+    (package / "__init__.py").write_text("")
+    assert commit_of(package) is None, "no repository"
+    git(package.parent, "init", "-q")
+    commit_of.cache_clear()
+    assert commit_of(package) is None, "a repository that does not hold the package, as around an environment"
+    git(package.parent, "add", ".")
+    git(package.parent, "commit", "-qm", "first")
+    commit_of.cache_clear()
+    assert commit_of(package) == Commit(git(package, "rev-parse", "HEAD"), dirty=False)
+    (package / "__init__.py").write_text("changed = True")
+    commit_of.cache_clear()
+    found = commit_of(package)
+    assert found is not None and found.dirty
+    assert re.fullmatch(r"[0-9a-f]{7}, changed since", str(found))
+    commit_of.cache_clear()
+
+
+def test_without_git(tmp_path: Path) -> None:
+    code = "from apf.source import version_line; print(version_line())"
+    result = spawn(["-c", code], cwd=tmp_path, PATH=str(tmp_path), PYTHONPATH=":".join(sys.path)).must_work()
+    assert result.out == f"apf {apf.__version__}\n"
