@@ -1,7 +1,7 @@
 """python -m apf.dashboard [KEY=VALUE ...]: a workspace and a report at Weights & Biases, for the runs of a project.
 
 Both show regret, success and accuracy over labelled plans, a line for each sampler: the median of its runs, and their
-range. The arguments are those of the runs (`domain=packing`, `tracker.wandb.project=mine`); `--dry-run` prints what
+range. The arguments are those of the runs (`task=[...]`, `tracker.wandb.project=mine`); `--dry-run` prints what
 would be made, and makes nothing. So does an environment in which W&B is offline.
 """
 
@@ -102,12 +102,12 @@ def report(config: DictConfig, entity: str, project: str) -> Any:
     from wandb_workspaces.reports import v2
 
     runs = v2.Runset(entity=entity, project=project, groupby=[f"config.{GROUP_BY}"])
-    blocks: list[Any] = [v2.P("Lines are medians over the runs of a sampler, bands their range.")]
+    parts: list[Any] = [v2.P("Lines are medians over the runs of a sampler, bands their range.")]
     for section in sections(config):
-        blocks += [v2.H2(section.title), v2.PanelGrid(runsets=[runs], panels=panels(section.metrics))]
+        parts += [v2.H2(section.title), v2.PanelGrid(runsets=[runs], panels=panels(section.metrics))]
     browser = v2.MediaBrowser(media_keys=pictures(config))
-    blocks += [v2.H2("Chosen plans"), v2.PanelGrid(runsets=[runs], panels=[browser])]
-    return v2.Report(entity=entity, project=project, title=TITLE, blocks=blocks)
+    parts += [v2.H2("Chosen plans"), v2.PanelGrid(runsets=[runs], panels=[browser])]
+    return v2.Report(project, entity, TITLE, "", parts)
 
 
 def as_json(made: Any) -> str:
