@@ -172,9 +172,7 @@ def draw_scores(ax: Axes, plans: pd.DataFrame, run: Run) -> None:
     ax.set(title="Acquisition scores", xlabel=f"Labelled {plural(run.words.plan)}", ylabel="Score when chosen")
     ax.set_xlim(0, len(plans))
     if plans["score"].isna().all():
-        ax.text(
-            0.5, 0.5, "no plan was chosen by a score", transform=ax.transAxes, ha="center", fontsize=7, color="0.35"
-        )
+        ax.text(0.5, 0.5, "chosen without a score", transform=ax.transAxes, ha="center", fontsize=7, color="0.35")
         ax.set_yticks([])
         return
     for succeeded, colour, name in ((True, SUCCEEDED, "succeeded"), (False, FAILED, "failed")):

@@ -30,7 +30,7 @@ BLOCKS = BlockSet(
 
 
 def test_the_top_of_two_blocks_stands_where_its_centre_of_mass_is_above_both() -> None:
-    """Contact, and the centre of mass within it: |x| < 0.09, |y| < 0.09; x + 0.01 and y - 0.02 within the lower block."""
+    """The centre of mass lies at x + 0.01 and y - 0.02; the lower block reaches 0.05 and 0.06 to each side."""
     towers, x, y = towers_over_offsets(BLOCKS, 2, grid=181)
     assert (x[0], x[-1]) == (pytest.approx(-0.09), pytest.approx(0.09))
     stood = stands(towers).reshape(181, 181)
@@ -93,7 +93,7 @@ def test_scores_that_no_model_gave_are_not_drawn() -> None:
     plans = pd.DataFrame({"step": [0, 1], "length": 2, "succeeded": True, "score": np.nan})
     _, ax = plt.subplots()
     draw_scores(ax, plans, RUN)
-    assert [text.get_text() for text in ax.texts] == ["no plan was chosen by a score"]
+    assert [text.get_text() for text in ax.texts] == ["chosen without a score"]
     assert not ax.collections
     plt.close()
 
@@ -132,7 +132,7 @@ def test_the_script(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     main()
     assert (run / "figures" / "model.png").read_bytes().startswith(b"\x89PNG")
     monkeypatch.setattr(sys, "argv", ["plot_model.py", str(run), "--step", "7", "--out", "out.pdf"])
-    with pytest.raises(SystemExit, match="error: step is 7; .* keeps the ensembles of steps 1, 2"):
+    with pytest.raises(SystemExit, match=r"error: step is 7; .* keeps the ensembles of steps 1, 2"):
         main()
     assert not Path("out.pdf").exists()
 
