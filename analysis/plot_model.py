@@ -33,12 +33,13 @@ from apf.schema import Config
 from apf.towers import TowerDomain
 from apf.trained import chosen_step, config_of, load_ensemble
 
-WIDTH, MAPS, PANELS = 7.2, 4.3, 2.5
+WIDTH, MAPS, PANELS = 7.2, 4.3, 2.9
 """Width of the figure, height of the maps and of the panels below [inch]."""
 LENGTHS = (2, 3)
 """Blocks of the towers whose top is moved."""
 BARS = 25
 """Bars of what was tried, at most."""
+LEGEND: Any = {"frameon": False, "fontsize": 6.5, "title_fontsize": 6.5, "handlelength": 1, "borderpad": 0.1}
 SUCCEEDED, FAILED = "#0173b2", "#d55e00"
 Chances = Mapping[int, tuple[np.ndarray, np.ndarray]]
 """By the length of plans: what was predicted of test plans, and whether they succeed."""
@@ -150,14 +151,13 @@ def draw_reliability(above: Axes, counts: Axes, chances: Chances, colours: Mappi
         )
         counts.bar(middles, found.n, 0.9 / BINS, base, color=colours[length])
         base = base + found.n
-    above.set(title="Reliability", ylabel="Share that succeeds", xlim=(-0.02, 1.02), ylim=(-0.02, 1.02))
+    above.set(
+        title="Reliability", ylabel="Share that succeeds", xlim=(-0.02, 1.02), ylim=(-0.02, 1.6), yticks=(0, 0.5, 1)
+    )
     above.tick_params(labelbottom=False)
     counts.set(xlabel="Predicted chance", ylabel="Plans")
     if chances:
-        legend = above.legend(
-            title="Length", fontsize=6, title_fontsize=6.5, handlelength=1, borderpad=0.2, framealpha=0.8
-        )
-        legend.get_frame().set_linewidth(0)
+        above.legend(title="Length", loc="upper center", ncols=2, columnspacing=1, **LEGEND)
 
 
 def draw_scores(ax: Axes, plans: pd.DataFrame, run: Run) -> None:
@@ -181,7 +181,7 @@ def draw_scores(ax: Axes, plans: pd.DataFrame, run: Run) -> None:
     acquired = plans.assign(at=at).dropna(subset=["score"]).groupby("step")
     ax.plot(acquired["at"].median(), acquired["score"].median(), color="black", linewidth=1.2, label="median of a step")
     ax.set_ylim(bottom=0)
-    ax.legend(frameon=False, fontsize=6, handlelength=1, borderpad=0.1)
+    ax.legend(**LEGEND)
 
 
 def draw_tried(ax: Axes, plans: pd.DataFrame, colours: Mapping[int, Any], run: Run) -> None:
@@ -209,8 +209,8 @@ def draw_tried(ax: Axes, plans: pd.DataFrame, colours: Mapping[int, Any], run: R
     ax.axhline(0, color="black", linewidth=0.7)
     ax.set_yticks([-1, -0.5, 0, 0.5, 1], ["1", "0.5", "0", "0.5", "1"])
     ax.set(title="What was tried", xlabel=f"Labelled {plural(run.words.plan)}", ylabel="Share: failed | succeeded")
-    ax.set(xlim=(0, len(plans)), ylim=(-1.02, 1.02))
-    ax.legend(title="Length", frameon=False, fontsize=6, title_fontsize=6.5, handlelength=0.8, borderpad=0.1, ncols=2)
+    ax.set(xlim=(0, len(plans)), ylim=(-1.02, 1.5))
+    ax.legend(title="Length", loc="upper center", ncols=4, columnspacing=1, **LEGEND)
 
 
 def main() -> None:
