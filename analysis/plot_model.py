@@ -33,12 +33,13 @@ from apf.schema import Config
 from apf.towers import TowerDomain
 from apf.trained import chosen_step, config_of, load_ensemble
 
-WIDTH, MAPS, PANELS = 7.2, 4.3, 2.5
+WIDTH, MAPS, PANELS = 7.2, 4.3, 2.9
 """Width of the figure, height of the maps and of the panels below [inch]."""
 LENGTHS = (2, 3)
 """Blocks of the towers whose top is moved."""
 BARS = 25
 """Bars of what was tried, at most."""
+LEGEND: Any = {"frameon": False, "fontsize": 6.5, "title_fontsize": 6.5, "handlelength": 1, "borderpad": 0.1}
 SUCCEEDED, FAILED = "#0173b2", "#d55e00"
 Chances = Mapping[int, tuple[np.ndarray, np.ndarray]]
 """By the length of plans: what was predicted of test plans, and whether they succeed."""
@@ -54,7 +55,8 @@ def model_figure(run: Run, step: int | None) -> Figure:
     Raises:
         InputError: The run does not learn, or keeps no ensemble of this step.
     """
-    config, step = config_of(run.directory), chosen_step(run.directory, step)
+    step = chosen_step(run.directory, step)
+    config = config_of(run.directory)
     if not isinstance(config.predictor, Learned):
         raise InputError(f"{run.directory} is a run that does not learn")
     ensemble = load_ensemble(run.directory, step, config.predictor.odds)
@@ -64,9 +66,10 @@ def model_figure(run: Run, step: int | None) -> Figure:
         figure = Figure(figsize=(WIDTH, PANELS + (MAPS if blocks is not None else 0.0)), layout="constrained")
         below: Figure | SubFigure = figure
         if blocks is not None:
-            above, below = figure.subfigures(2, 1, height_ratios=(MAPS, PANELS))
+            parts = figure.add_gridspec(2, 1, height_ratios=(MAPS, PANELS))
+            above, below = (figure.add_subfigure(parts[row]) for row in (0, 1))
             draw_beliefs(above, [belief(ensemble, blocks, length) for length in LENGTHS if length <= len(blocks)])
-        _draw_below(below, chances_of(config, ensemble, step), plans, run)
+        _draw_below(below, chances_of(config, ensemble, step), plans, run, config.sampler.score.asks_model)
         labelled = int((plans["step"] <= step).sum())
         words = f"{labelled} labelled {plural(run.words.plan)} (step {step})"
         figure.suptitle(f"{run.directory.name}, {words}", fontsize=8, parse_math=False)
@@ -109,14 +112,14 @@ def tried(table: pd.DataFrame, word: str) -> pd.DataFrame:
     ).reset_index(drop=True)
 
 
-def _draw_below(figure: SubFigure | Figure, chances: Chances, plans: pd.DataFrame, run: Run) -> None:
-    """Reliability with its counts, scores, and what was tried."""
+def _draw_below(figure: SubFigure | Figure, chances: Chances, plans: pd.DataFrame, run: Run, asks_model: bool) -> None:
+    """Reliability with its counts, scores (if the model gave them), and what was tried."""
     grid = figure.add_gridspec(2, 3, height_ratios=(3.2, 1))
     colours = colours_of_lengths(sorted({*chances, *plans["length"]}))
     above = figure.add_subplot(grid[0, 0])
     counts = figure.add_subplot(grid[1, 0], sharex=above)
     draw_reliability(above, counts, chances, colours)
-    draw_scores(figure.add_subplot(grid[:, 1]), plans, run)
+    draw_scores(figure.add_subplot(grid[:, 1]), plans if asks_model else plans.assign(score=np.nan), run)
     draw_tried(figure.add_subplot(grid[:, 2]), plans, colours, run)
     for ax in figure.axes:
         ax.spines[["top", "right"]].set_visible(False)
@@ -148,11 +151,13 @@ def draw_reliability(above: Axes, counts: Axes, chances: Chances, colours: Mappi
         )
         counts.bar(middles, found.n, 0.9 / BINS, base, color=colours[length])
         base = base + found.n
-    above.set(title="Reliability", ylabel="Share that succeeds", xlim=(-0.02, 1.02), ylim=(-0.02, 1.02))
+    above.set(
+        title="Reliability", ylabel="Share that succeeds", xlim=(-0.02, 1.02), ylim=(-0.02, 1.6), yticks=(0, 0.5, 1)
+    )
     above.tick_params(labelbottom=False)
     counts.set(xlabel="Predicted chance", ylabel="Plans")
     if chances:
-        above.legend(title="Length", frameon=False, fontsize=6, title_fontsize=6.5, handlelength=1, borderpad=0.1)
+        above.legend(title="Length", loc="upper center", ncols=2, columnspacing=1, **LEGEND)
 
 
 def draw_scores(ax: Axes, plans: pd.DataFrame, run: Run) -> None:
@@ -160,19 +165,23 @@ def draw_scores(ax: Axes, plans: pd.DataFrame, run: Run) -> None:
 
     Args:
         ax: For the panel.
-        plans: As `tried` gives them.
+        plans: As `tried` gives them; those that no model gave a score have NaN.
         run: For its words.
     """
     at = np.arange(1, len(plans) + 1)
+    ax.set(title="Acquisition scores", xlabel=f"Labelled {plural(run.words.plan)}", ylabel="Score when chosen")
+    ax.set_xlim(0, len(plans))
+    if plans["score"].isna().all():
+        ax.text(0.5, 0.5, "chosen without a score", transform=ax.transAxes, ha="center", fontsize=7, color="0.35")
+        ax.set_yticks([])
+        return
     for succeeded, colour, name in ((True, SUCCEEDED, "succeeded"), (False, FAILED, "failed")):
         rows = (plans["succeeded"] == succeeded).to_numpy()
         ax.scatter(at[rows], plans["score"][rows], s=5, color=colour, alpha=0.5, linewidth=0, label=name)
     acquired = plans.assign(at=at).dropna(subset=["score"]).groupby("step")
     ax.plot(acquired["at"].median(), acquired["score"].median(), color="black", linewidth=1.2, label="median of a step")
-    ax.set(title="Acquisition scores", xlabel=f"Labelled {plural(run.words.plan)}", ylabel="Score when chosen")
-    ax.set_xlim(0, len(plans))
     ax.set_ylim(bottom=0)
-    ax.legend(frameon=False, fontsize=6, handlelength=1, borderpad=0.1)
+    ax.legend(**LEGEND)
 
 
 def draw_tried(ax: Axes, plans: pd.DataFrame, colours: Mapping[int, Any], run: Run) -> None:
@@ -200,8 +209,8 @@ def draw_tried(ax: Axes, plans: pd.DataFrame, colours: Mapping[int, Any], run: R
     ax.axhline(0, color="black", linewidth=0.7)
     ax.set_yticks([-1, -0.5, 0, 0.5, 1], ["1", "0.5", "0", "0.5", "1"])
     ax.set(title="What was tried", xlabel=f"Labelled {plural(run.words.plan)}", ylabel="Share: failed | succeeded")
-    ax.set(xlim=(0, len(plans)), ylim=(-1.02, 1.02))
-    ax.legend(title="Length", frameon=False, fontsize=6, title_fontsize=6.5, handlelength=0.8, borderpad=0.1, ncols=2)
+    ax.set(xlim=(0, len(plans)), ylim=(-1.02, 1.5))
+    ax.legend(title="Length", loc="upper center", ncols=4, columnspacing=1, **LEGEND)
 
 
 def main() -> None:

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-import apf.main
+import apf.commands.run
 from apf.errors import InputError
 from apf.rundir.journal import parse
 from apf.rundir.store import Store
@@ -342,13 +342,13 @@ def mount(*arguments: str | Path) -> bool:
 
 def plant_limit(size: int) -> None:
     """From its beginning on, the run can write no file larger than that, as if the disk were full."""
-    begin = apf.main.begin
+    begin = apf.commands.run.begin
 
     def limited(*args: Any) -> None:
         resource.setrlimit(resource.RLIMIT_FSIZE, (size, resource.RLIM_INFINITY))
         begin(*args)
 
-    apf.main.begin = limited
+    apf.commands.run.begin = limited
 
 
 def plant_world(fail: Callable[[], object], number: int) -> None:

@@ -13,9 +13,9 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import binary_cross_entropy_with_logits
 
+from apf.commands.run import make_experiment, make_model
 from apf.domain import Labelled, Scored
 from apf.experiment import TRAIN, VALIDATION, Experiment
-from apf.main import make_experiment, make_model
 from apf.models import Ensemble, Training
 from apf.models.batches import batches_of
 from apf.models.examples import Examples

@@ -8,9 +8,9 @@ import torch
 from hydra import compose, initialize_config_dir
 from omegaconf import DictConfig
 
+from apf.commands.run import make_model
 from apf.config.values import config_dir
 from apf.domain import Labelled, World
-from apf.main import make_model
 from apf.models import Ensemble
 from apf.models.examples import Examples, examples
 from apf.rng import stream

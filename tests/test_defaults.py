@@ -28,6 +28,7 @@ CHOICES = [
     *([f"predictor={name}"] for name in ("learned", "analytic", "simulation", "oracle")),
     *(["world=panda", "world/flaws=exact", f"world/reality={name}"] for name in ("bullet", "mujoco")),
     ["predictor=trained", "predictor.run=run"],
+    *([f"tracker={path.stem}"] for path in sorted((CONF / "tracker").glob("*.yaml"))),
     *([f"planner={name}"] for name in ("monte_carlo", "search")),
     *([f"domain={name}", "predictor=simulation"] for name in ("towers", "packing")),
 ]
@@ -36,7 +37,7 @@ ON_PURPOSE = {(name, key) for name in SETS for key in ("seed", "prefix")}
 """Training and evaluation have different sets."""
 OF_A_CLASS = {("apf.panda.world.PandaWorld", "initial")}
 """Null in code; the config names a class. It is no plain value, so it is not compared."""
-ANYBODYS = {"WANDB_PROJECT", "WANDB_ENTITY"}
+ANYBODYS = {"WANDB_PROJECT", "WANDB_ENTITY", "MLFLOW_TRACKING_URI", "MLFLOW_EXPERIMENT_NAME"}
 """Variables of the environment that configs read."""
 
 

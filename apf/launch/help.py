@@ -9,6 +9,9 @@ from apf.config.values import config_dir, sweeps_dir
 ASKED = (["--help"], ["-h"])
 """Arguments that ask for the page and for nothing else. Hydra answers a longer command line."""
 
+NOT_SHOWN = ("hydra", "wandb")
+"""Folders of configs that are no choices of a run: Hydra's own groups, and sweeps for `wandb agent`."""
+
 
 def page(name: str) -> str:
     """The page of `conf/hydra/help/NAME.yaml`, with the options of all config groups."""
@@ -24,6 +27,6 @@ def choices(folders: list[Path]) -> str:
     for folder in folders:
         for path in folder.rglob("*.yaml"):
             group = path.parent.relative_to(folder)
-            if group.parts and group.parts[0] != "hydra":
+            if group.parts and group.parts[0] not in NOT_SHOWN:
                 groups.setdefault(group.as_posix(), set()).add(path.stem)
     return "".join(f"{group}: {', '.join(sorted(options))}\n" for group, options in sorted(groups.items()))

@@ -5,7 +5,9 @@ from collections.abc import Iterable, Mapping, Sequence
 
 COLOURS = ("#0173b2", "#de8f05", "#029e73", "#d55e00", "#cc78bc", "#ca9161", "#56b4e9", "#949494", "#fbafe4", "#b8ad00")
 """Seaborn's palette for colour-blind readers, its yellow darkened."""
-BLUE, ORANGE, GREEN, RED, PURPLE, BROWN, SKY, GREY, _, _ = COLOURS
+BLUE, ORANGE, GREEN, RED, PURPLE, BROWN, SKY, GREY, *_ = COLOURS
+STRONG = (BLUE, ORANGE, GREEN, RED, PURPLE, SKY)
+"""Colours of groups that have none of their own; the others follow where these do not suffice."""
 
 OPTIONS: Mapping[str, tuple[str, str]] = {
     "sequential": ("Sequential", BLUE),
@@ -64,7 +66,7 @@ def colours_of(labels: Sequence[str]) -> dict[str, str]:
             return {label: colour for label, colour in zip(labels, own, strict=True) if colour}
     chosen = {label: OPTIONS[label][1] for label in labels if label in OPTIONS}
     for label in sorted(set(labels) - set(chosen)):
-        free = [colour for colour in COLOURS if colour not in chosen.values()] or [*COLOURS]
-        by_label = COLOURS[zlib.crc32(label.encode()) % len(COLOURS)]
+        free = [colour for colour in (*STRONG, *COLOURS) if colour not in chosen.values()] or [*COLOURS]
+        by_label = STRONG[zlib.crc32(label.encode()) % len(STRONG)]
         chosen[label] = by_label if by_label in free else free[0]
     return {label: chosen[label] for label in labels}

@@ -132,15 +132,15 @@ def _apart(
 
     groups = list(colours)
     columns = min(ABREAST, len(groups))
-    blocks = -(-len(groups) // columns)
-    depth = len(cells) * blocks
-    size = (SMALL[0] * columns + 0.8, SMALL[1] * depth + 0.3 + 0.2 * blocks)
+    tiers = -(-len(groups) // columns)
+    depth = len(cells) * tiers
+    size = (SMALL[0] * columns + 0.8, SMALL[1] * depth + 0.3 + 0.2 * tiers)
     layout = ConstrainedLayoutEngine(w_pad=0.02, h_pad=0.03)
     figure, grid = plt.subplots(depth, columns, figsize=size, sharex=True, squeeze=False, layout=layout)
     for line, of_line in enumerate(grid):
-        block, (row, value) = line // len(cells), cells[line % len(cells)]
+        tier, (row, value) = line // len(cells), cells[line % len(cells)]
         curves = row.curves[row.curves[column] == value]
-        here = groups[block * columns : (block + 1) * columns]
+        here = groups[tier * columns : (tier + 1) * columns]
         for axes, group in zip(of_line, here):
             for other in groups:
                 others = curves[curves["group"] == other].sort_values("plans")

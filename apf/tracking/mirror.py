@@ -23,6 +23,9 @@ class Mirror(Tracker):
     _open: list[Any] = field(default_factory=list, init=False, repr=False)
     """What `open_run` returned, while the mirror works."""
 
+    _shown: set[tuple[int, int]] = field(default_factory=set, init=False, repr=False)
+    """Step and phase of what is shown: a resumed run trains its last model again, and tells its losses again."""
+
     @abstractmethod
     def open_run(self, run: RunInfo) -> Any:
         """What the run is shown by; None: nothing. It must not hold what `write` shows again. Raises anything."""
@@ -40,6 +43,7 @@ class Mirror(Tracker):
 
     def start(self, run: RunInfo) -> None:
         """As `Tracker.start`."""
+        self._shown.clear()
         try:
             opened = self.open_run(run)
             if opened is not None:
@@ -51,6 +55,10 @@ class Mirror(Tracker):
 
     def log(self, metrics: Metrics) -> None:
         """As `Tracker.log`."""
+        phase = metrics.step, int(metrics.phase)
+        if phase in self._shown:
+            return
+        self._shown.add(phase)
         for opened in tuple(self._open):
             try:
                 self.write(opened, metrics)

@@ -52,7 +52,7 @@ def tags(choices: Mapping[str, str]) -> list[str]:
 
 def words_and_values(run: RunInfo) -> dict[str, Any]:
     """The config of a W&B run: choices as words, values by their dotted keys, commit, host, CPU and GPU."""
-    values = {key: value for key, value in flatten(run.config).items() if "_target_" not in key}
+    values = {key: value for key, value in flatten(run.config).items() if not key.endswith(("_target_", "_partial_"))}
     words = {key: word for key, word in run.choices.items() if "/" not in key}
     return {**words, **{f"run.{key}": value for key, value in run.about.items()}, **values}
 

@@ -3,6 +3,7 @@
 import runpy
 import shutil
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -62,7 +63,7 @@ def test_plot_accuracy(sweep: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: P
     plot(monkeypatch, "accuracy", folder, "--out", tmp_path / "figures" / "curve")
     must_be_pictures(tmp_path / "figures" / "curve")
     drawn = pd.read_csv(tmp_path / "figures" / "curve.csv")
-    assert list(drawn.columns) == ["group", "length", "plans", "mean", "min", "max", "auc", "runs"]
+    assert list(drawn.columns) == ["group", "length", "plans", "mean", "min", "max", "auc", "nll", "ece", "runs"]
     assert len(drawn) == 2 * 2 * 2
     for sampler in ("sequential", "random_ss"):
         values = pd.concat(pd.read_parquet(run / "accuracy.parquet") for run in folder.glob(f"{sampler}-*"))
@@ -73,8 +74,30 @@ def test_plot_accuracy(sweep: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: P
                 assert len(mine) == 2
                 assert np.allclose(row[["mean", "min", "max"]].iloc[0], [mine.mean(), mine.min(), mine.max()])
                 assert row["runs"].iloc[0] == 2
-                aucs = values[(values["length"] == length) & (values["plans"] == towers)]["auc"]
-                assert np.isclose(row["auc"].iloc[0], aucs.mean())
+                others = values[(values["length"] == length) & (values["plans"] == towers)]
+                for name in ("auc", "nll", "ece"):
+                    assert np.isclose(row[name].iloc[0], others[name].mean())
+
+
+@pytest.mark.slow
+def test_another_measure_than_accuracy(sweep: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    folder = shutil.copytree(sweep / "runs" / "mine", tmp_path / "sweep")
+    plot(monkeypatch, "accuracy", folder, "--metric", "ece")
+    must_be_pictures(folder / "ece")
+    drawn = pd.read_csv(folder / "ece.csv")
+    assert list(drawn.columns) == ["group", "length", "plans", "mean", "min", "max", "accuracy", "auc", "nll", "runs"]
+    values = pd.concat(pd.read_parquet(run / "accuracy.parquet") for run in folder.glob("sequential-*"))
+    for _, row in drawn[drawn["group"] == "sequential"].iterrows():
+        mine = values[(values["length"] == row["length"]) & (values["plans"] == row["plans"])]["ece"]
+        assert np.allclose(row[["mean", "min", "max"]].astype(float), [mine.mean(), mine.min(), mine.max()])
+    for path in folder.glob("*/accuracy.parquet"):
+        pd.read_parquet(path).drop(columns=["nll", "ece"]).to_parquet(path)
+    plot(monkeypatch, "accuracy", folder)
+    with pytest.raises(SystemExit) as stop:
+        plot(monkeypatch, "accuracy", folder, "--metric", "nll")
+    assert stop.value.code == (
+        "error: the runs are of an earlier version, which did not measure nll; have accuracy, auc"
+    )
 
 
 @pytest.mark.slow
@@ -98,10 +121,51 @@ def test_one_panel_for_each_task_and_length(sweep: Path, monkeypatch: pytest.Mon
     assert figures["regret"] == ([*titles, "", "", ""], [2] * 6)
     assert figures["accuracy"][0] == ["2 blocks", "3 blocks"]
     for name in SCRIPTS:
-        assert set(legends[name]) == {"sequential", "random_ss"}
+        assert legends[name] == ["Sequential", "Random, by prefix"]
 
 
-@pytest.mark.parametrize("labels", [["a", "b"], [f"training.learning_rate=1e-{i}, model.hidden=64" for i in range(7)]])
+def regret_of(groups: Sequence[str], median: float = 0.5) -> pd.DataFrame:
+    """Curves of regret: two worlds, one task, at 100 and 200 plans."""
+    rows = [(g, w, "tallest", p, median) for g in groups for w in ("analytic", "noisy") for p in (100, 200)]
+    curves = pd.DataFrame(rows, columns=["group", "world", "task", "plans", "median"])
+    return curves.assign(q25=median / 2, q75=median * 1.2, runs=4, problems=10)
+
+
+def test_many_groups_have_panels_of_their_own() -> None:
+    from apf.report.figures import plot_regret
+
+    few = plot_regret(regret_of(["greedy", "sequential", "complete"]), WORDS)
+    assert [len(axes.collections) for axes in few.axes] == [3, 3], "bands"
+    assert [axes.get_ylabel() for axes in few.axes] == ["Regret, placed without noise", "Regret, placed with noise"]
+    many = plot_regret(regret_of(["greedy", "sequential", "complete", "random_ss"]), WORDS)
+    assert [len(axes.collections) for axes in many.axes] == [1] * 8
+    assert [axes.get_title() for axes in many.axes[:4]] == ["Sequential", "Complete", "Greedy", "Random, by prefix"]
+    assert not many.legends
+    for figure in (few, many):
+        assert all([text.get_text() for text in axes.texts] == ["n = 4"] for axes in figure.axes)
+    bands = {axes.get_title(): axes.collections[0].get_facecolor()[0][:3].tolist() for axes in many.axes[:4]}
+    drawn = {tuple(band.get_facecolor()[0][:3].tolist()) for band in few.axes[0].collections}
+    assert drawn == {tuple(bands[name]) for name in ("Sequential", "Complete", "Greedy")}, "colours stay"
+
+
+@pytest.mark.parametrize(("median", "scale", "top"), [(0.6, "linear", 1.03), (0.1, "symlog", 0.138)])
+def test_small_regret_has_an_axis_that_shows_it(median: float, scale: str, top: float) -> None:
+    from apf.report.figures import plot_regret
+
+    for axes in plot_regret(regret_of(["greedy"], median), WORDS).axes:
+        assert axes.get_yscale() == scale
+        assert axes.get_ylim()[1] == pytest.approx(top)
+
+
+def test_groups_of_different_sizes_say_so() -> None:
+    from apf.report.figures import plot_regret
+
+    curves = regret_of(["greedy", "sequential"])
+    curves.loc[curves["group"] == "greedy", "runs"] = 2
+    assert {text.get_text() for axes in plot_regret(curves, WORDS).axes for text in axes.texts} == {"n = 4, 2"}
+
+
+@pytest.mark.parametrize("labels", [["a", "b"], [f"training.learning_rate=1e-{i}, model.hidden=64" for i in range(3)]])
 def test_a_legend_fits_its_figure(labels: list[str]) -> None:
     from apf.report.figures import accuracy_curves, plot_accuracy
 
@@ -298,7 +362,8 @@ def test_find_runs_and_gather(sweep: Path, tmp_path: Path) -> None:
     assert len(runs) == 4
     assert unfinished == []
     table = gather(runs, "accuracy")
-    assert list(table.columns) == ["run", "group", "step", "plans", "length", "accuracy", "auc", "n"]
+    measures = ["accuracy", "auc", "nll", "ece"]
+    assert list(table.columns) == ["run", "group", "step", "plans", "length", *measures, "n"]
     assert table.groupby("group")["run"].nunique().to_dict() == {"sequential": 2, "random_ss": 2}
     with pytest.raises(InputError, match="no finished run"):
         find_runs([tmp_path])

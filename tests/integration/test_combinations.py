@@ -8,9 +8,9 @@ import pytest
 from hydra import compose, initialize_config_dir
 from omegaconf import DictConfig
 
+from apf.commands.run import make_experiment, make_model
 from apf.config.values import config_dir
 from apf.domain import Kind
-from apf.main import make_experiment, make_model
 from apf.rundir.store import Store
 from apf.schema import validate
 from apf.tracking import NoTracker
@@ -28,7 +28,7 @@ def composed(*overrides: str) -> DictConfig:
 
 
 def run(cfg: DictConfig, directory: Path) -> Store:
-    """One acquisition, as apf/main.py does it. Returns the store of the run, open."""
+    """One acquisition, as apf/commands/run.py does it. Returns the store of the run, open."""
     config = validate(cfg)
     store = Store(directory, config.domain)
     make_experiment(config, make_model(cfg, config), store, NoTracker()).run()

@@ -136,7 +136,7 @@ def test_another_tracker_takes_the_place_of_the_kept_one(here: Path, monkeypatch
     stopped(monkeypatch, "tracker=none", "hydra.run.dir=run")
     call("resume=run", "tracker=wandb", "tracker.wandb.project=mine").must_work()
     assert list((here / "run" / "wandb").glob("offline-run-*"))
-    call("resume=run", "tracker.wandb.project=mine").must_refuse("tracker.wandb.project")
+    call("resume=run", "tracker.wandb.project=mine").must_refuse("tracker.wandb")
 
 
 @pytest.mark.parametrize(

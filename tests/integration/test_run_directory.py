@@ -310,6 +310,14 @@ def test_the_last_step_is_evaluated_whatever_the_period(here: Path) -> None:
 
 
 @pytest.mark.usefixtures("no_figures")
+@pytest.mark.parametrize(("also", "steps"), [("[]", [2]), ("[8]", [0, 2]), ("[9]", [1, 2]), ("[8,10,12]", [0, 1, 2])])
+def test_evaluations_come_where_one_asks_for_them_too(here: Path, also: str, steps: list[int]) -> None:
+    call(*TINY, "evaluation.every=12", f"evaluation.also={also}").must_work()
+    (path,) = here.rglob("accuracy.parquet")
+    assert pd.read_parquet(path)["step"].tolist() == steps
+
+
+@pytest.mark.usefixtures("no_figures")
 def test_initial_towers_alone_are_a_run_too(here: Path) -> None:
     call(*TINY, "plans=8", "hydra.run.dir=run").must_work()
     assert set(pd.read_parquet(here / "run" / "plans.parquet")["step"]) == {0}

@@ -13,8 +13,24 @@ from apf.schema import validate
 from integration.command_line import REPOSITORY, TINY, call
 
 SWEEPS = REPOSITORY / "sweeps"
-RUNS = {"packing": 15, "strategies": 16, "baselines": 8, "architectures": 9, "predictors": 2, "early_stopping": 8}
-SEEDS = {"packing": 3, "strategies": 4, "baselines": 4, "architectures": 3, "predictors": 1, "early_stopping": 2}
+RUNS = {
+    "architectures": 9,
+    "baselines": 8,
+    "beyond": 32,
+    "early_stopping": 8,
+    "packing": 15,
+    "predictors": 2,
+    "strategies": 16,
+}
+SEEDS = {
+    "architectures": 3,
+    "baselines": 4,
+    "beyond": 16,
+    "early_stopping": 2,
+    "packing": 3,
+    "predictors": 1,
+    "strategies": 4,
+}
 SAMPLERS = {
     "packing": {"sequential", "incremental", "complete", "greedy", "random_ss"},
     "strategies": {"sequential", "incremental", "complete", "greedy"},
@@ -57,5 +73,5 @@ def test_a_sweep_scaled_down(name: str, here: Path) -> None:
         assert {state["choices"]["sampler"] for state in states} == SAMPLERS[name]
     for run in runs:
         accuracy, regret = (pd.read_parquet(run / f"{table}.parquet") for table in ("accuracy", "regret"))
-        assert set(accuracy["length"]) == ({2, 3, 4, 5} if name == "packing" else {2, 3, 4, 5, 6, 7})
+        assert set(accuracy["length"]) == ({2, 3, 4, 5} if name in ("packing", "beyond") else {2, 3, 4, 5, 6, 7})
         assert set(regret["world"]) == (set() if name == "architectures" else {"analytic", "noisy"})

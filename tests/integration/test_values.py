@@ -13,15 +13,15 @@ from hydra import compose, initialize_config_dir
 from hydra.utils import get_class
 from omegaconf import DictConfig, OmegaConf
 
+from apf.commands.label import LabelConfig
+from apf.commands.plan import PlanConfig
+from apf.commands.relabel import RelabelConfig
+from apf.commands.run import make_model
 from apf.config.build import build
 from apf.config.values import config_dir, without
 from apf.errors import InputError, shown
-from apf.label import LabelConfig
 from apf.launch.cli import MISTAKES, one_line
 from apf.launch.machine import check_machine
-from apf.main import make_model
-from apf.plan import PlanConfig
-from apf.relabel import RelabelConfig
 from apf.schema import validate
 from integration.command_line import TINY, call, options
 

@@ -23,7 +23,7 @@ import yaml
 
 from apf.experiment import Experiment
 from apf.rundir.store import Store
-from apf.tracking.weights_and_biases import mode_here
+from apf.tracking.weights_and_biases import job_type, mode_here, tags
 from integration.command_line import TINY, call, spawn
 
 
@@ -497,6 +497,30 @@ def test_environment_variables(here: Path, fakes: list[FakeRun], monkeypatch: py
     assert {run.settings["id"] for run in fakes} == {
         yaml.safe_load((here / name / "run.yaml").read_text())["id"] for name in ("run", "other")
     }
+
+
+@pytest.mark.usefixtures("no_figures")
+def test_a_run_of_an_agent_is_the_run_that_the_agent_made(
+    here: Path, fakes: list[FakeRun], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("WANDB_SWEEP_ID", "swept")
+    monkeypatch.setenv("WANDB_RUN_ID", "made")
+    call(*TINY, "tracker=wandb", "tracker.wandb.artifacts=false", "hydra.run.dir=run").must_work()
+    (run,) = fakes
+    assert run.settings["id"] == "made"
+    assert (run.media, run.artifacts) == ([], [])
+
+
+def test_words() -> None:
+    choices = {
+        "domain": "towers",
+        "sampler": "greedy",
+        "model": "m" * 65,
+        "predictor": "simulation",
+        "world/noisy": "x",
+    }
+    assert tags(choices) == ["towers", "greedy", "simulation"], "W&B takes no longer ones"
+    assert [job_type(each) for each in (choices, {"predictor": "learned"}, {})] == ["evaluate", "learn", "learn"]
 
 
 @pytest.mark.usefixtures("no_figures")
