@@ -39,6 +39,8 @@ class Studio(Scene):
         if self.blocks is None or not self.blocks.equals(blocks):
             self._number += 1
             self.build(blocks, self.layout.home_poses(blocks.dims))
+            # the renderer needs more time for the large, plain table than for all else, so it is drawn here
+            self.client.changeVisualShape(self.table, -1, rgbaColor=(*WOOD[:3], 0))
 
     def _visual(self, index: int) -> int:
         assert self.blocks is not None
@@ -77,8 +79,6 @@ class Studio(Scene):
         width, height = camera.width * many, camera.height * many
         eye, ahead, down = where[:3, 3], where[:3, 2], where[:3, 1]
         view = self.client.computeViewMatrix(eye.tolist(), (eye + ahead).tolist(), (-down).tolist())
-        # the renderer needs more time for the large, plain table than for all else, so the table is drawn here
-        self.client.changeVisualShape(self.table, -1, rgbaColor=(*WOOD[:3], 0))
         picture = self.client.getCameraImage(
             width,
             height,
@@ -93,7 +93,6 @@ class Studio(Scene):
             renderer=self.client.ER_TINY_RENDERER,
             flags=self.client.ER_NO_SEGMENTATION_MASK,
         )
-        self.client.changeVisualShape(self.table, -1, rgbaColor=WOOD)
         grey = cv2.cvtColor(np.reshape(np.asarray(picture[2], np.uint8), (height, width, 4)), cv2.COLOR_RGBA2GRAY)
         depth = np.reshape(np.asarray(picture[3], np.float32), (height, width))
         grey[depth >= 1.0] = BACKGROUND
@@ -109,13 +108,16 @@ class Studio(Scene):
     def _table_seen(self, camera: Camera, where: np.ndarray, depth: np.ndarray) -> np.ndarray:
         """[H, W] bool: in which pixels is the table's top the nearest thing?
 
-        Along the ray of each pixel, the inverse of the distance to a plane is linear in the pixel.
+        Along the ray of each pixel, the inverse of the distance to a plane is linear in the pixel. The table's sides,
+        in view of a camera beyond its edge alone, are not drawn.
 
         Args:
             camera: What kind of image.
             where: [4, 4] its optical frame.
             depth: [H, W] the renderer's depth of what else is seen: 0 at `NEAR`, 1 at `FAR`.
         """
+        if where[2, 3] <= 0:
+            return np.zeros(depth.shape, bool)
         height, width = depth.shape
         u, v = (
             ((np.arange(n) + 0.5 - n / 2) / (camera.focal * n / m))
