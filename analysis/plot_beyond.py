@@ -90,7 +90,7 @@ def plot(curves: pd.DataFrame, words: Words, world: str) -> "Figure":
 def levels(curves: pd.DataFrame) -> Mapping[str, Mapping[str, float]]:
     """Mean regret for each task of each group that labelled nothing."""
     still = curves[curves["plans"] == 0]
-    return {group: dict(zip(part["task"], part["mean"])) for group, part in still.groupby("group", sort=False)}
+    return {str(group): dict(zip(part["task"], part["mean"])) for group, part in still.groupby("group", sort=False)}
 
 
 def named(text: str) -> tuple[str, Path]:
