@@ -10,8 +10,8 @@ import pytest
 
 PACKAGE = Path(__file__).parents[1] / "apf"
 FLOORS = (
-    ("evaluate",),
-    ("main", "label", "relabel", "plan", "panda"),
+    ("api", "evaluate", "label", "plan", "predict"),
+    ("commands", "main", "relabel", "panda"),
     ("trained",),
     ("launch",),
     ("schema",),
