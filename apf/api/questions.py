@@ -69,7 +69,7 @@ def predict(
         predictor: analytic or simulation, instead of a run.
         odds: Factor for the odds of each placement; 1: as the members say.
         seed: Of a predictor that draws.
-        overrides: More of the command's settings, e.g. `["domain=packing"]`.
+        overrides: More of the command's settings, e.g. `["domain=NAME"]`.
 
     Returns:
         A row for each placement: plan, position, chance of the prefix that ends there, and its standard deviation over

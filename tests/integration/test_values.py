@@ -13,14 +13,15 @@ from hydra import compose, initialize_config_dir
 from hydra.utils import get_class
 from omegaconf import DictConfig, OmegaConf
 
+from apf.commands.label import LabelConfig
+from apf.commands.plan import PlanConfig
+from apf.commands.predict import PredictConfig
 from apf.config.build import build
 from apf.config.values import config_dir, without
 from apf.errors import InputError, shown
-from apf.label import LabelConfig
 from apf.launch.cli import MISTAKES, one_line
 from apf.launch.machine import check_machine
 from apf.main import make_model
-from apf.plan import PlanConfig
 from apf.relabel import RelabelConfig
 from apf.schema import validate
 from integration.command_line import TINY, call, options
@@ -148,6 +149,7 @@ def test_all_keys_of_an_option_given_all_values(group: str, option: str) -> None
     [
         ("label", LabelConfig, ["plans=a.csv", "out=b.csv"], ["model", "task"]),
         ("plan", PlanConfig, ["objects=a.csv"], ["model"]),
+        ("predict", PredictConfig, ["plans=a.csv", "out=b.csv"], ["model", "task"]),
         ("relabel", RelabelConfig, ["run=a", "plan=1", "labels='10'"], []),
         ("show", "apf.panda.show.ShowConfig", ["tower=a.csv"], ["domain", "model", "task"]),
         ("sheets", "apf.panda.sheets.SheetsConfig", ["blocks=a.csv"], []),
