@@ -89,14 +89,11 @@ def save(figure: "Figure", table: pd.DataFrame, stem: Path) -> list[Path]:
         table: The data of the plot.
         stem: The path without its ending.
     """
-    import matplotlib.pyplot as plt
-
     stem.parent.mkdir(parents=True, exist_ok=True)
     paths = [stem.with_name(stem.name + ending) for ending in (".pdf", ".png", ".csv")]
     figure.savefig(paths[0], metadata={"CreationDate": None})
     figure.savefig(paths[1], dpi=200)
     table.to_csv(paths[2], index=False)
-    plt.close(figure)
     return paths
 
 
@@ -112,9 +109,6 @@ def _panels(
     A single row of many panels is broken into two.
     """
     import matplotlib as mpl
-
-    if mpl.get_backend().lower() != "agg":
-        mpl.use("agg")
     import seaborn as sns
 
     groups = list(dict.fromkeys(group for curves in rows.values() for group in curves["group"]))
@@ -143,7 +137,7 @@ def _panels(
 
 def _grid(cells: int, columns: int, groups: Sequence[str]) -> tuple["Figure", list["Axes"], int]:
     """A figure, its panels, and how many names of groups its legend has in a row."""
-    import matplotlib.pyplot as plt
+    from matplotlib.figure import Figure  # of no backend: it opens no window, and leaves a program's own figures alone
 
     wide, tall = PANEL
     depth = -(-cells // columns)
@@ -151,9 +145,8 @@ def _grid(cells: int, columns: int, groups: Sequence[str]) -> tuple["Figure", li
     abreast = min(6, len(groups), max(1, int(wide * columns / entry)))
     legend_rows = -(-len(groups) // abreast) if len(groups) > 1 else 0
     size = (max(wide * columns, entry) + 0.3, tall * depth + 0.2 * legend_rows)
-    figure, grid = plt.subplots(
-        depth, columns, figsize=size, sharex=True, sharey=True, squeeze=False, layout="constrained"
-    )
+    figure = Figure(figsize=size, layout="constrained")
+    grid = figure.subplots(depth, columns, sharex=True, sharey=True, squeeze=False)
     for spare in grid.flat[cells:]:
         spare.remove()
     return figure, list(grid.flat)[:cells], abreast

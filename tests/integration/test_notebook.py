@@ -26,5 +26,5 @@ def test_it_runs(tmp_path: Path) -> None:
     NotebookClient(notebook, timeout=300, resources={"metadata": {"path": str(tmp_path)}}).execute()
     outputs = [output for cell in notebook.cells if cell.cell_type == "code" for output in cell.outputs]
     pictures = [output for output in outputs if "image/png" in output.get("data", {})]
-    assert len(pictures) == 3, "the curve, and two towers"
+    assert len(pictures) == 3, "the curve, and two plans"
     assert (tmp_path / "runs" / "notebook" / "accuracy.parquet").is_file()
