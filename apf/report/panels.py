@@ -71,9 +71,6 @@ def draw_rows(rows: Sequence[Row], column: str, titles: Mapping[Any, str], acros
         across: Label of the horizontal axis.
     """
     import matplotlib as mpl
-
-    if mpl.get_backend().lower() != "agg":
-        mpl.use("agg")
     import seaborn as sns
 
     groups = in_order(dict.fromkeys(group for row in rows for group in row.curves["group"]))
@@ -89,7 +86,7 @@ def _together(
     cells: Sequence[tuple[Row, Any]], column: str, titles: Mapping[Any, str], across: str, colours: Mapping[str, str]
 ) -> "Figure":
     """All groups in each panel; a legend if there are several."""
-    import matplotlib.pyplot as plt
+    from matplotlib.figure import Figure  # of no backend: it opens no window, and leaves a program's own figures alone
 
     one_row = len(cells) == len(titles)
     columns = -(-len(titles) // 2) if one_row and len(titles) > 4 else len(titles)
@@ -100,7 +97,8 @@ def _together(
     abreast = min(len(names), max(1, int(PANEL[0] * columns / entry)))
     legend_rows = -(-len(names) // abreast) if len(names) > 1 else 0
     size = (max(PANEL[0] * columns, entry) + 0.3, PANEL[1] * depth + 0.2 * legend_rows)
-    figure, grid = plt.subplots(depth, columns, figsize=size, sharex=True, squeeze=False, layout="constrained")
+    figure = Figure(figsize=size, layout="constrained")
+    grid = figure.subplots(depth, columns, sharex=True, squeeze=False)
     handles: list[Line2D] = []
     for number, (row, value) in enumerate(cells):
         axes, curves = grid.flat[number], row.curves[row.curves[column] == value]
@@ -136,7 +134,7 @@ def _apart(
     cells: Sequence[tuple[Row, Any]], column: str, titles: Mapping[Any, str], across: str, colours: Mapping[str, str]
 ) -> "Figure":
     """A column of panels for each group; at most `ABREAST` columns, then further rows below."""
-    import matplotlib.pyplot as plt
+    from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
     groups = list(colours)
@@ -145,7 +143,8 @@ def _apart(
     depth = len(cells) * tiers
     size = (SMALL[0] * columns + 0.8, SMALL[1] * depth + 0.3 + 0.2 * tiers)
     layout = ConstrainedLayoutEngine(w_pad=0.02, h_pad=0.03)
-    figure, grid = plt.subplots(depth, columns, figsize=size, sharex=True, squeeze=False, layout=layout)
+    figure = Figure(figsize=size, layout=layout)
+    grid = figure.subplots(depth, columns, sharex=True, squeeze=False)
     for line, of_line in enumerate(grid):
         tier, (row, value) = line // len(cells), cells[line % len(cells)]
         curves = row.curves[row.curves[column] == value]
