@@ -12,10 +12,11 @@ from importlib import import_module
 from pathlib import Path
 from unittest import mock
 
+import apf.commands.label
+import apf.commands.plan
+import apf.commands.predict
 import apf.evaluate
-import apf.label
 import apf.main
-import apf.plan
 import apf.relabel
 
 REPOSITORY = Path(__file__).parents[2]
@@ -25,8 +26,9 @@ ANALYSIS = REPOSITORY / "analysis"
 MAINS = {
     "apf.main": apf.main.main,
     "apf.evaluate": apf.evaluate.main,
-    "apf.label": apf.label.main,
-    "apf.plan": apf.plan.main,
+    "apf.label": apf.commands.label.main,
+    "apf.plan": apf.commands.plan.main,
+    "apf.predict": apf.commands.predict.main,
     "apf.relabel": apf.relabel.main,
     "apf.panda.show": lambda: import_module("apf.panda.show").main(),
     "apf.panda.sheets": lambda: import_module("apf.panda.sheets").main(),
