@@ -44,8 +44,8 @@ class Row:
 
     label: of the axis. curves: rows with group, plans, runs, and the columns of `lines`: the centre of a curve and the
     ends of its band. limits: of the axis. narrow: give more room to what is small (`LINEAR`). reference: where a dotted
-    line is. rises: do good curves go up? levels: of each group that has no curve, the height of its line in the panel
-    of each value.
+    line is. rises: do good curves go up? levels: of each group that has no curve, where its line is in the panel of
+    each value.
     """
 
     label: str
