@@ -564,6 +564,25 @@ def test_plans_are_judged_with_their_odds_multiplied_and_chosen_without(kind: Ki
     np.testing.assert_allclose(raised.last_feasibility(plans), three_times.mean(0)[:, -1], rtol=1e-5)
 
 
+def test_a_pessimist_doubts_where_members_differ() -> None:
+    """The logit is the members' mean logit less one standard deviation; where they agree, it is theirs."""
+    model = ensemble(odds=1.5)
+    plans = DOMAIN.random_plans(4, 30, np.random.default_rng(0))
+    model.network.reset([torch.Generator().manual_seed(seed) for seed in range(3)])
+    p = model.predict(plans).numpy()
+    logits = np.log(p / (1 - p)) + np.log(1.5)
+    expected = 1 / (1 + np.exp(logits.std(0) - logits.mean(0)))
+    pessimist = model.with_pessimism(1.0)
+    np.testing.assert_allclose(pessimist.feasibility(plans), expected.prod(1), rtol=1e-6)
+    np.testing.assert_allclose(
+        pessimist.prefix_feasibility(plans, np.random.default_rng(0))[:, 1:], expected.cumprod(1), rtol=1e-5
+    )
+    assert (pessimist.with_pessimism(2.0).feasibility(plans) < pessimist.feasibility(plans)).all()
+    np.testing.assert_array_equal(pessimist.with_pessimism(None).feasibility(plans), model.feasibility(plans))
+    model.network.reset([torch.Generator().manual_seed(0) for _ in range(3)])
+    np.testing.assert_allclose(pessimist.feasibility(plans), model.feasibility(plans), rtol=1e-5)
+
+
 def test_the_same_networks_can_be_taken_with_other_odds() -> None:
     plans, rng = DOMAIN.random_plans(4, 50, np.random.default_rng(3)), np.random.default_rng(0)
     model = ensemble(odds=1.5)

@@ -48,6 +48,17 @@ class Predictor(ABC):
         """
         return self
 
+    def with_pessimism(self, pessimism: float | None) -> Self:
+        """This predictor, made to doubt where its members differ.
+
+        By default the predictor itself: one that has no members is sure.
+
+        Args:
+            pessimism: Each probability is that whose logit is the mean of the members' logits less so many standard
+                deviations over the members. None: the mean of the members' probabilities.
+        """
+        return self
+
     def prefix_feasibility(self, plans: Any, rng: np.random.Generator) -> np.ndarray:
         """[N, K] probability that each prefix of each plan succeeds. A single placement always does.
 

@@ -38,6 +38,9 @@ RESTARTS = 5
 SPREAD = 0.01
 """A member is dead if its logits of all examples of a length lie in a smaller range than this. Of others: over 5."""
 
+TINY = 1e-12
+"""Least probability, and least distance of a probability from 1, of which a logit is taken."""
+
 ON_GPU = 2**20
 """Pairs of placements, counted for each member, that a GPU predicts together: an activation then takes 256 MiB."""
 
@@ -83,6 +86,7 @@ class Ensemble(Predictor):
         self.domain = domain
         self.training = training
         self.odds = odds
+        self.pessimism: float | None = None
         self.device = device
         self.together = device.type != "cpu"
         self._settings = settings
@@ -166,7 +170,7 @@ class Ensemble(Predictor):
         Under Theta_ss that is eq. (theta-ss); the first placement is feasible by assumption. Draws nothing.
         """
         p = self._predict(plans, last_only=self.kind is Kind.COMPLETE, odds=self.odds)
-        return _mean(p).prod(1)
+        return self._joined(p).prod(1)
 
     def last_feasibility(self, plans: Any, members: slice = slice(None)) -> np.ndarray:
         """[N] mean over these members of the probability that the last placement succeeds.
@@ -174,7 +178,7 @@ class Ensemble(Predictor):
         Under Theta_ss given that all placements before the last one succeeded; under Theta_comp that of the whole plan.
         """
         p = self._predict(plans, last_only=True, members=members, odds=self.odds)
-        return _mean(p)[:, 0]
+        return self._joined(p)[:, 0]
 
     def prefix_deviation(self, plans: Any) -> np.ndarray:
         """As `Predictor.prefix_deviation`, with the odds of this ensemble."""
@@ -194,6 +198,12 @@ class Ensemble(Predictor):
         other.odds = odds
         return other
 
+    def with_pessimism(self, pessimism: float | None) -> Self:
+        """As `Predictor.with_pessimism`. The weights of the networks are shared."""
+        other = copy.copy(self)
+        other.pessimism = pessimism
+        return other
+
     def save(self, path: Path) -> None:
         """Write the weights as safetensors. Raises OSError if that cannot be done."""
         try:
@@ -204,6 +214,10 @@ class Ensemble(Predictor):
     def load(self, path: Path) -> None:
         """Read weights that `save` wrote."""
         self.network.load_state_dict(load_file(path, device=str(self.device)))
+
+    def _joined(self, p: Tensor) -> np.ndarray:
+        """[E, N, P] -> [N, P] what the members say together."""
+        return _mean(p) if self.pessimism is None else _least(p.numpy(force=True), self.pessimism)
 
     def _predict(self, plans: Any, last_only: bool, members: slice = slice(None), odds: float = 1.0) -> Tensor:
         """[members, N, K - 1], or [members, N, 1] if `last_only`; each probability with its odds multiplied."""
@@ -249,6 +263,13 @@ class Ensemble(Predictor):
 def _mean(p: Tensor) -> np.ndarray:
     """[E, N, P] -> [N, P] mean over members. NumPy's does not depend on N; a GPU's spares moving all of p."""
     return p.numpy().mean(0) if p.device.type == "cpu" else p.mean(0).numpy(force=True)
+
+
+def _least(p: np.ndarray, deviations: float) -> np.ndarray:
+    """[E, N, P] -> [N, P] probability whose logit is the members' mean logit less so many standard deviations of it."""
+    p = p.clip(TINY, 1 - TINY)
+    logits = np.log(p) - np.log1p(-p)
+    return np.asarray(1 / (1 + np.exp(deviations * logits.std(0) - logits.mean(0))))
 
 
 def _doubles(x: Tensor) -> Tensor:
