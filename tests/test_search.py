@@ -266,7 +266,7 @@ def test_with_networks_a_plan_is_the_same_however_many_problems_there_are(kind: 
             for name in tasks:
                 assert domain.encode(one[name].plan) == domain.encode(other[name].plan)
                 assert one[name].chance == other[name].chance
-                assert one[name].chance == planner.judge(judge).feasibility(one[name].plan)[0]
+                assert one[name].chance == searcher.judge(judge).feasibility(one[name].plan)[0]
 
 
 @pytest.mark.parametrize("wrong", [{"start": 0}, {"generations": 0}, {"children": 0}, {"parents": 0}, {"odds": 0}])
