@@ -27,6 +27,8 @@ ROOTS = (
 )
 """Configs that a command composes: file, title, command."""
 HEADER = re.compile(r"^# @package _global_\n", re.MULTILINE)
+DOCUMENTED = ("apf.acquisition.", "apf.models.", "apf.packing.", "apf.planning.", "apf.towers.", "apf.domain.")
+"""Where classes lie that have a place in the pages of the API."""
 BOUNDS = {"ge": "at least", "gt": "above", "le": "at most", "lt": "below"}
 PLAIN = {
     int: "whole number",
@@ -54,9 +56,9 @@ def page_of_configs(repository: Path) -> str:
     parts = [
         "# Configs",
         "Every choice is a *group*: a folder of `conf/`, of which a run takes one *option*, a file in it "
-        "(`sampler=greedy`). Every number is a *key* (`training.batch=32`). This page is made from the files of `conf/` "
-        "and their comments, and from the classes that check the values. `python -m apf.main --cfg job` prints the config "
-        "of a run without starting the run.",
+        "(`sampler=greedy`). Every number is a *key* (`training.batch=32`). This page is made from the files of "
+        "`conf/` and their comments, and from the classes that check the values. `python -m apf.main --cfg job` "
+        "prints the config of a run and stops.",
     ]
     for name, title, command in ROOTS:
         parts += [f"## {title}", f"`{command}`"]
@@ -101,7 +103,7 @@ def section(path: Path, prefix: str, cls: Any) -> list[str]:
     text = path.read_text()
     body = HEADER.sub("", text)
     said = " ".join(line.lstrip("# ") for line in _leading(body))
-    chosen = _defaults(text) if not prefix else []
+    chosen = _defaults(text)
     table = [f"| `{r.key}` | {r.default} | {r.allowed} | {r.comment} |" for r in rows(text, prefix, cls)]
     head = ["| key | default | allowed | |", "|---|---|---|---|"]
     return [part for part in (said, "\n".join(chosen), "\n".join(head + table) if table else "") if part]
@@ -117,10 +119,12 @@ def _defaults(text: str) -> list[str]:
             option = (
                 value.value if isinstance(value, yaml.ScalarNode) else ", ".join(item.value for item in value.value)
             )
-            if not group.startswith(("hydra/job_logging", "hydra/hydra_logging", "hydra/help")):
+            if "@_here_" not in group and not group.startswith(
+                ("hydra/job_logging", "hydra/hydra_logging", "hydra/help")
+            ):
                 comment = _cell(_comment(text, key, value, inside=False))
                 options.append(f"| `{group}` | `{option}` | {comment} |")
-    return ["| group | default option | |", "|---|---|---|", *options] if options else []
+    return ["| group | option | |", "|---|---|---|", *options] if options else []
 
 
 def rows(text: str, prefix: str = "", cls: Any = None) -> Iterator[Row]:
@@ -146,19 +150,20 @@ def _walk(node: yaml.Node | None, text: str, prefix: str, cls: Any, flow: bool =
         name = f"{prefix}.{key.value}" if prefix else key.value
         inside = isinstance(value, yaml.MappingNode) and bool(value.value)
         words, inner = _field(cls, key.value)
-        if inside:
-            default = words = ""
-        else:
-            default = text[value.start_mark.index : value.end_mark.index].strip()
-            default = (
-                f"[`{default}`][{default}]"
-                if key.value == "_target_" and "hydra" not in default and "NewFolders" not in default
-                else f"`{default or 'null'}`"
-            )
+        default = "" if inside else _default(key.value, text[value.start_mark.index : value.end_mark.index].strip())
+        words = "" if inside else words
         comment = "" if flow else _comment(text, key, value, inside)  # of {a: 1, b: 2} the comment is beside the whole
         yield Row(name, _cell(default), _cell(words), _cell(comment))
         beside = flow or (inside and value.flow_style)
         yield from _walk(value, text, name, inner, beside)
+
+
+def _default(key: str, text: str) -> str:
+    """A value as it is written; the name of a class leads to what the class says of itself."""
+    if key == "_target_" and text.startswith(DOCUMENTED):
+        cls = get_object(text)
+        return f"[`{text}`][{cls.__module__}.{cls.__qualname__}]"
+    return f"`{text or 'null'}`"
 
 
 def _field(cls: Any, key: str) -> tuple[str, Any]:

@@ -138,17 +138,12 @@ def test_extend_has_an_example_of_each_kind() -> None:
 @pytest.mark.parametrize("command", EXAMPLES)
 def test_examples_run(command: str, extended: Path, tmp_path: Path) -> None:
     """As they are typed, in their folder, but tiny."""
-    python = f"alias python={shlex.quote(sys.executable)}; shopt -s expand_aliases\n"
     tiny = " ".join(map(shlex.quote, (*TINY, f"hydra.run.dir={tmp_path / 'run'}")))
-    command = command.replace("PYTHONPATH=.", f"PYTHONPATH=.{os.pathsep}$PYTHONPATH")
-    done = subprocess.run(
-        ["bash", "-c", f"shopt -s expand_aliases\n{python}\n{command} {tiny}"],
-        cwd=extended,
-        env=child_environment(),
-        capture_output=True,
-        text=True,
-        timeout=300,
-    )
+    command = command.replace("PYTHONPATH=.", "PYTHONPATH=.:$PYTHONPATH")
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"  # `python` is the one that tests
+    environment = child_environment(PATH=path)
+    shell = ["bash", "-c", f"{command} {tiny}"]
+    done = subprocess.run(shell, cwd=extended, env=environment, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stdout + done.stderr
     assert yaml.safe_load((tmp_path / "run" / "run.yaml").read_text())["finished"]
 
