@@ -6,12 +6,15 @@ import re
 import shlex
 import subprocess
 import sys
+import textwrap
 from collections import Counter
 from pathlib import Path
 
+import pandas as pd
 import pytest
 import yaml
 
+import apf
 from integration.command_line import CONF, REPOSITORY, TINY, call, child_environment
 
 DOCS = REPOSITORY / "docs"
@@ -44,21 +47,69 @@ def commands(page: Path) -> list[str]:
     return [text for text in found if text and not any(word in text for word in ELSEWHERE) and text.upper() != text]
 
 
+def first(word: str) -> str:
+    """Of an override of a sweep, the first of its values."""
+    key, _, value = word.partition("=")
+    if value.startswith("range("):
+        return f"{key}=0"
+    return word if "[" in value else f"{key}={value.split(',')[0]}"
+
+
 @pytest.mark.parametrize(
     ("page", "text"), [pytest.param(page, text, id=f"{page.stem}: {text}") for page in PAGES for text in commands(page)]
 )
-def test_commands_compose(page: Path, text: str, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """What a page says to type is a config that would run; of a sweep, its first combination."""
-    words = [word for word in shlex.split(text) if word != "-m"]
-    sweeping = [
-        re.sub(r"=([^\[(,]+|range\((\d+)\)),?.*$", r"=\1", word) if "," in word and "[" not in word else word
-        for word in words
+def test_commands_compose(page: Path, text: str, here: Path) -> None:
+    """What a page says to type can be composed; of a sweep, its first combination."""
+    call(*[first(word) for word in shlex.split(text) if word != "-m"], "--cfg", "job").must_work()
+
+
+@pytest.mark.parametrize(
+    "overrides",
+    [
+        "training.update=5",
+        "training.batch=0",
+        "training.batch=many",
+        "sampler=greddy",
+        "plans=20",
+        "evaluation.length=50",
+        "resume=nowhere",
+        "domain=packing task=[tallest]",
+        "sampler=complete sampler.score._target_=apf.acquisition.ExpectedBald",
+    ],
+)
+def test_the_lines_of_troubleshooting_are_those_that_people_meet(overrides: str, here: Path) -> None:
+    said = call(*overrides.split()).must_refuse().removeprefix("error: ").replace(str(here / "nowhere"), "DIR")
+    page = (DOCS / "troubleshooting.md").read_text()
+    lines = [
+        line.split("`")[1].removesuffix(" ...").removesuffix("...") for line in page.splitlines() if line[:3] == "| `"
     ]
-    call(*[re.sub(r"=range\(.*\)$", "=0", word) for word in sweeping], "--cfg", "job").must_work()
+    assert any(said.startswith(line) for line in lines), said
 
 
 def test_the_readme_is_short() -> None:
     assert len(README.read_text().splitlines()) <= 150
+
+
+def test_the_citation_is_of_this_version_and_of_the_paper() -> None:
+    citation = yaml.safe_load((REPOSITORY / "CITATION.cff").read_text())
+    assert citation["version"] == apf.__version__
+    assert citation["preferred-citation"]["url"] in README.read_text()
+
+
+@pytest.mark.slow
+def test_the_tutorial_plans_for_own_blocks(tiny_run: Path, here: Path) -> None:
+    """Its block file and its commands, with a tiny run."""
+    tutorial = (DOCS / "tutorial.md").read_text()
+    rows = re.search(r"(?:^    (?:block,|\w+,-?[\d.]+,).*\n)+", tutorial, re.MULTILINE)
+    assert rows is not None
+    (here / "mine.csv").write_text(textwrap.dedent(rows[0]))
+    (plan,) = re.findall(r"python -m apf\.plan (.*)", tutorial)
+    (label,) = re.findall(r"python -m apf\.label (.*)", tutorial)
+    call(*plan.replace("run=runs/first", f"run={tiny_run}").split(), command="apf.plan").must_work()
+    call(*label.split(), command="apf.label").must_work()
+    labels = pd.read_csv("labels.csv")
+    assert list(labels) == ["tower", "position", "label"] and len(labels) == 3
+    assert Path("plan.png").exists()
 
 
 def test_every_key_and_comment_is_on_the_page_of_configs() -> None:
