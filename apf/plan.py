@@ -1,4 +1,4 @@
-"""python -m apf.plan objects=FILE task=NAME run=DIR: the best plan found for somebody's own objects."""
+"""python -m apf.plan objects=FILE task=NAME run=DIR: the best plans found for somebody's own objects."""
 
 import hydra
 from omegaconf import DictConfig

@@ -4,6 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from omegaconf import OmegaConf
+from safetensors import SafetensorError
 
 from apf.errors import InputError
 from apf.models import Ensemble, pick_device
@@ -13,20 +14,30 @@ from apf.rundir.kept import read_config
 from apf.schema import Config, check_together, settle
 
 
+def kept_steps(run: Path) -> list[int]:
+    """The steps of which a run directory keeps the ensemble, in ascending order."""
+    return sorted(int(path.stem.partition("_")[2]) for path in (run / "weights").glob("step_*.safetensors"))
+
+
 def chosen_step(run: Path, step: int | None) -> int:
     """A step of which a run directory keeps the ensemble; None: the last one. Raises InputError if there is none."""
-    steps = sorted(int(path.stem.partition("_")[2]) for path in (run / "weights").glob("step_*.safetensors"))
+    steps = kept_steps(run)
     if not steps:
+        _require_run(run)
         raise InputError(f"{run} keeps no weights: its predictor does not learn, or it was never evaluated")
     if step is not None and step not in steps:
         raise InputError(f"step is {step}; {run} keeps the ensembles of steps {', '.join(map(str, steps))}")
     return steps[-1] if step is None else step
 
 
-def config_of(run: Path) -> Config:
-    """The config of a run, with the objects that the run keeps. Raises InputError if there is no run."""
+def _require_run(run: Path) -> None:
     if not (run / CONFIG).is_file():
         raise InputError(f"{run} holds no run: there is no {CONFIG} in it")
+
+
+def config_of(run: Path) -> Config:
+    """The config of a run, with the objects that the run keeps. Raises InputError if there is no run."""
+    _require_run(run)
     return settle(OmegaConf.create(read_config(run)), kept=run)[1]
 
 
@@ -40,12 +51,24 @@ def load_ensemble(run: Path, step: int | None = None, odds: float = 1.0, device:
         device: Where the networks are to be: auto, cpu, cuda, cuda:1, ...
 
     Raises:
-        InputError: There is no such run, or no weights of this step.
+        InputError: There is no such run or device, no weights of this step, or they are of other networks.
     """
-    config, step = config_of(run), chosen_step(run, step)
-    place = pick_device(device)
+    step, config = chosen_step(run, step), config_of(run)
+    try:
+        place = pick_device(device)
+    except (RuntimeError, AssertionError) as error:
+        raise InputError(f"device is {device!r}; {str(error).splitlines()[0]}") from None
     ensemble = Ensemble(config.model, config.sampler.kind, config.domain, config.training, place, odds)
-    ensemble.load(run / "weights" / f"step_{step:04d}.safetensors")
+    path = run / "weights" / f"step_{step:04d}.safetensors"
+    try:
+        ensemble.load(path)
+    except SafetensorError as error:
+        raise InputError(f"{path}: cannot be read: {error}") from None
+    except RuntimeError:  # PyTorch names each weight that does not fit, line by line
+        raise InputError(
+            f"{path} holds other networks than {run / CONFIG} says, or networks that see other features than the "
+            f"{config.domain.n_features} that {type(config.domain).__name__} has now: train it again"
+        ) from None
     return ensemble
 
 

@@ -68,6 +68,8 @@ def defaults_in_code() -> set[tuple[str, str]]:
     """Class and key of each field of a settings class that has a plain value as its default."""
     found = set()
     for module in pkgutil.walk_packages(apf.__path__, "apf."):
+        if module.name.removeprefix("apf.") in apf.__all__:  # run, and imported by nobody
+            continue
         for _, cls in inspect.getmembers(importlib.import_module(module.name), inspect.isclass):
             if cls.__module__ == module.name and cls.__dict__.get("__pydantic_config__", {}).get("extra") == "forbid":
                 for key, field in cls.__pydantic_fields__.items():

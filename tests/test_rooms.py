@@ -11,7 +11,7 @@ import pytest
 PACKAGE = Path(__file__).parents[1] / "apf"
 FLOORS = (
     ("evaluate",),
-    ("main", "dashboard", "label", "relabel", "plan", "panda"),
+    ("main", "dashboard", "label", "relabel", "plan", "predict", "panda", "api"),
     ("commands",),
     ("trained",),
     ("launch",),

@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 from omegaconf import DictConfig
 
+from apf.commands.prefixes import prefix_table
 from apf.config.build import build
 from apf.config.values import without
 from apf.domain import UNOBSERVED, Domain, NamedPlans, World
@@ -28,13 +29,30 @@ class LabelConfig:
 
 def work(cfg: DictConfig) -> None:
     """Read, execute, write one row per placement: the plan's name, position, label (empty after the first fall)."""
-    config = build(without(cfg, "model", "task"), LabelConfig)
+    config = settled(cfg)
     check_ending(config.out)
     batches = config.domain.read_plans(config.plans)
-    labels = [config.world.execute(b.plans, stream(config.seed, "label", b.plans.length)) for b in batches]
+    labels = labels_of(batches, config.world, config.seed)
     write_table(label_table(batches, labels, config.domain.plan_word), config.out)
     succeeded = sum(int((found == 1).all(1).sum()) for found in labels)
     print(f"{config.out}: {sum(map(len, labels))} plans labelled, {succeeded} of them succeed")
+
+
+def settled(cfg: DictConfig) -> LabelConfig:
+    """The checked settings of what Hydra composed. Raises InputError, naming the key, for what is wrong."""
+    config: LabelConfig = build(without(cfg, "model", "task"), LabelConfig)
+    return config
+
+
+def labels_of(batches: Sequence[NamedPlans], world: World, seed: int) -> list[np.ndarray]:
+    """The labels [N, K] of each batch, each plan executed in the world.
+
+    Args:
+        batches: Plans of one length each.
+        world: Where the plans are executed.
+        seed: Of the world's noise.
+    """
+    return [world.execute(batch.plans, stream(seed, "label", batch.plans.length)) for batch in batches]
 
 
 def label_table(batches: Sequence[NamedPlans], labels: Sequence[np.ndarray], word: str) -> pd.DataFrame:
@@ -45,15 +63,6 @@ def label_table(batches: Sequence[NamedPlans], labels: Sequence[np.ndarray], wor
         labels: the labels [N, K] of each batch.
         word: What a plan is called: the name of the first column.
     """
-    order = np.concatenate([np.repeat(batch.order, batch.plans.length) for batch in batches])
-    position = np.concatenate([np.tile(np.arange(b.plans.length), len(b.plans)) for b in batches])
-    rows = np.lexsort((position, order))
-    label = np.concatenate([np.asarray(found, np.int8).ravel() for found in labels])[rows]
-    names = pd.Series([name for b in batches for name in b.names], [i for b in batches for i in b.order]).sort_index()
-    return pd.DataFrame(
-        {
-            word: names.to_numpy()[order[rows]],
-            "position": position[rows],
-            "label": pd.arrays.IntegerArray(label, label == UNOBSERVED),
-        }
-    )
+    table = prefix_table(batches, {"label": [np.asarray(found, np.int8) for found in labels]}, word)
+    label = table["label"].to_numpy(np.int8)
+    return table.assign(label=pd.arrays.IntegerArray(label, label == UNOBSERVED))

@@ -1,20 +1,29 @@
-"""What `python -m apf.plan` does: the best plan found for somebody's own objects."""
+"""What `python -m apf.plan` does: find the best plans of somebody's own objects."""
 
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
+from typing import Annotated, Any
 
 import numpy as np
+import pandas as pd
 from omegaconf import DictConfig, OmegaConf
+from pydantic import Field
 
+from apf.commands.judge import judge_of
 from apf.config.build import build
 from apf.config.values import without
 from apf.domain import Domain, Predictor, Task
 from apf.errors import InputError
-from apf.models import Ensemble
-from apf.planning import Choice, Planner, Problem
+from apf.planning import Choice, Planner, alternatives
 from apf.rng import stream
 from apf.rundir.tables import check_ending, write_table
-from apf.settings import CountOrNone, Length, Name, Seed, settings
-from apf.trained import load_ensemble
+from apf.settings import CountOrNone, Length, Name, Number, Seed, Whole, settings
+
+Top = Annotated[Whole, Field(ge=1, le=100)]
+"""How many plans to choose from."""
+Share = Annotated[Number, Field(ge=0, le=1)]
+"""A chance."""
 
 
 @settings
@@ -25,6 +34,8 @@ class PlanConfig:
     run: Path | None
     step: CountOrNone | None
     length: Length
+    top: Top
+    stand: Share | None
     out: Path
     seed: Seed
     device: Name
@@ -34,61 +45,121 @@ class PlanConfig:
     predictor: Predictor | None
 
 
+@dataclass(frozen=True)
+class Found:
+    """N plans that were found for a task, from the best on, and what is predicted of them.
+
+    task: Its name. unit: Of the values. choices: The plans, each with its value and its chance. chances: [N, K] of each
+    prefix. deviations: [N, K] standard deviation over the members of an ensemble, NaN if there are none. domain: Of the
+    plans.
+    """
+
+    task: str
+    unit: str
+    choices: list[Choice]
+    chances: np.ndarray
+    deviations: np.ndarray
+    domain: Domain
+
+    @cached_property
+    def plans(self) -> Any:
+        """The plans as one batch of the domain's own class."""
+        return self.domain.concatenate([choice.plan for choice in self.choices])
+
+    @cached_property
+    def table(self) -> pd.DataFrame:
+        """A row for each placement, in the columns of a file of plans, with `value`, `chance` and `deviation`.
+
+        `value` is that of the whole plan, the other two are of the prefix that ends with the placement.
+        """
+        table = self.domain.table(self.plans)
+        length = self.plans.length
+        values = {
+            "value": np.repeat([choice.value for choice in self.choices], length),
+            "chance": self.chances.ravel(),
+            "deviation": self.deviations.ravel(),
+        }
+        for place, (name, column) in enumerate(values.items(), start=2):
+            table.insert(place, name, column)
+        return table
+
+    def title(self, number: int) -> str:
+        """What is said of a plan: task, value and chance."""
+        choice = self.choices[number]
+        return f"{self.task} {choice.value:.3g} {self.unit}, chance {choice.chance:.2f}"
+
+    def save_pictures(self, path: Path) -> list[Path]:
+        """Write a picture of each plan; of several, their numbers are added to the name of the file.
+
+        Args:
+            path: Of a .png, .svg or .pdf file.
+
+        Returns:
+            The files; none if the domain draws no pictures.
+        """
+        several = len(self.choices) > 1
+        paths = [path.with_stem(f"{path.stem}_{i}") if several else path for i in range(len(self.choices))]
+        plans = enumerate(zip(self.choices, paths, strict=True))
+        return [file for i, (choice, file) in plans if self.domain.save_picture(choice.plan, file, self.title(i))]
+
+
 def work(cfg: DictConfig) -> None:
     """Plan, say what was found, and write it."""
+    config = settled(cfg)
+    check_ending(config.out)
+    found = find(config)
+    write_table(found.table, config.out)
+    for number in range(len(found.choices)):
+        for line in said_of(found, number):
+            print(line)
+    if len(found.choices) < config.top:
+        print(f"found {len(found.choices)} instead of {config.top}: no others differ enough and are worth anything")
+    print(f"written: {', '.join(map(str, [config.out, *found.save_pictures(config.out.with_suffix('.png'))]))}")
+
+
+def settled(cfg: DictConfig) -> PlanConfig:
+    """The checked settings of what Hydra composed. Raises InputError, naming the key, for what is wrong."""
     cfg = without(cfg, "model")
     if not OmegaConf.is_missing(cfg, "objects"):
         cfg.domain.training.file = cfg.objects
     try:
-        config = build(cfg, PlanConfig)
-        check_ending(config.out)
+        config: PlanConfig = build(cfg, PlanConfig)
         if len(config.task) != 1:
             raise InputError(f"task is {', '.join(config.task) or 'none'}; choose one of them: task=NAME")
         config.domain.check_length(config.length, "length")
     except InputError as error:
-        raise InputError(str(error).replace("domain.training.file", "objects")) from None
-    predictor = predictor_of(config)
-    ((name, task),) = config.task.items()
-    choice = plan(config.domain, task, predictor, config.planner, config.length, config.seed)
-    judge = config.planner.judge(predictor)
-    chances = judge.prefix_feasibility(choice.plan, stream(config.seed, "chances"))[0]
-    write_table(config.domain.table(choice.plan), config.out)
-    title = f"{name} {choice.value:.3g} {task.unit}, chance {choice.chance:.2f}"
-    print(title)
-    print(f"chance of each prefix: {' '.join(f'{chance:.2f}' for chance in chances)}")
-    if isinstance(judge, Ensemble):
-        says = judge.predict(choice.plan).cpu().numpy().prod(-1)[:, 0]
-        print(f"members say: {says.min():.2f} to {says.max():.2f}, standard deviation {says.std():.2f}")
-    picture = config.out.with_suffix(".png")
-    drawn = config.domain.save_picture(choice.plan, picture, title)
-    print(f"written: {config.out}{f', {picture}' if drawn else ''}")
+        line = str(error).replace("domain.training.file", "objects").replace("domain.training has", "objects has")
+        raise InputError(line) from None
+    return config
 
 
-def predictor_of(config: PlanConfig) -> Predictor:
-    """The predictor that is chosen, or the ensemble of a run. Raises InputError if there is neither."""
-    if config.predictor is not None:
-        return config.predictor
-    if config.run is None:
-        raise InputError("run is missing: a finished run's directory; or predictor=analytic, or predictor=simulation")
-    ensemble = load_ensemble(config.run, config.step, device=config.device)
-    if type(ensemble.domain) is not type(config.domain):
-        theirs, ours = type(ensemble.domain).__name__, type(config.domain).__name__
-        raise InputError(f"run: {config.run} is a run of {theirs}; domain is {ours}")
-    return ensemble
+def find(config: PlanConfig) -> Found:
+    """The plans of highest expected value that the planner finds for what the settings ask.
 
-
-def plan(domain: Domain, task: Task, predictor: Predictor, planner: Planner, length: int, seed: int = 0) -> Choice:
-    """The plan of highest expected value that a planner finds among those of the domain's objects.
-
-    Args:
-        domain: Brings the objects of the experiment, of which plans are made.
-        task: Says what a plan is worth.
-        predictor: Says how likely a plan succeeds.
-        planner: How to look.
-        length: Placements of the plan.
-        seed: Of all draws.
+    Raises:
+        InputError: There is nobody to ask, or no plan is as likely to succeed as `stand` asks.
     """
-    rng = stream(seed, "plan")
-    problem = Problem(domain.random_plans(length, planner.candidates, rng), np.random.default_rng(rng.integers(2**63)))
-    (found,) = planner.choose([problem], {"task": task}, predictor, domain)
-    return found["task"]
+    predictor = judge_of(config.run, config.step, config.predictor, config.domain, device=config.device)
+    ((name, task),) = config.task.items()
+    planner, domain = config.planner, config.domain
+    candidates = domain.random_plans(config.length, planner.candidates, stream(config.seed, "plan"))
+    least = config.stand or 0.0
+    try:
+        choices = alternatives(planner, candidates, task, predictor, domain, config.top, least, config.seed)
+    except InputError as error:
+        raise InputError(f"stand is {least:g}; {error}: ask for less, or for fewer placements (length)") from None
+    plans = domain.concatenate([choice.plan for choice in choices])
+    judge = planner.judge(predictor)
+    chances = judge.prefix_feasibility(plans, stream(config.seed, "chances"))
+    chances[:, -1] = [choice.chance for choice in choices]
+    return Found(name, task.unit, choices, chances, judge.prefix_deviation(plans), domain)
+
+
+def said_of(found: Found, number: int) -> list[str]:
+    """Lines on a plan: its value and chance, the chance of each prefix, how far the members of an ensemble differ."""
+    lines = [f"{number}: {found.title(number)}" if len(found.choices) > 1 else found.title(number)]
+    lines.append(f"chance of each prefix: {' '.join(f'{chance:.2f}' for chance in found.chances[number])}")
+    deviation = found.deviations[number]
+    if not np.isnan(deviation).any():
+        lines.append(f"standard deviation of the members: {' '.join(f'{each:.2f}' for each in deviation)}")
+    return lines

@@ -42,6 +42,29 @@ def work(cfg: DictConfig) -> float | tuple[float, ...] | None:
     """
     hydra_config = HydraConfig.get()
     directory = output_directory(hydra_config)
+    optimised = hydra_config.mode == RunMode.MULTIRUN and optimises(hydra_config, cfg.get("objective"))
+    config = start(cfg, hydra_config, directory)
+    value = returned(directory, config.objective, config.plans)
+    if optimised:
+        must_be_number(value)
+    return value
+
+
+def start(cfg: DictConfig, hydra_config: Any, directory: Path) -> Config:
+    """Check a composed config, and do what is missing of its run; nothing, if the run has finished.
+
+    Args:
+        cfg: What Hydra composed.
+        hydra_config: Hydra's own part of it.
+        directory: Where the run is, or is to be.
+
+    Returns:
+        The config of the run.
+
+    Raises:
+        InputError: The config is wrong, or the directory is not for this run.
+        Stopped: The run cannot go on for now.
+    """
     check_hydra(hydra_config)
     resuming = hydra_config.job.config_name == RESUME
     if resuming:
@@ -57,7 +80,6 @@ def work(cfg: DictConfig) -> float | tuple[float, ...] | None:
     check_machine(config)
     torch.set_num_threads(config.threads)
     model = make_model(cfg, config)
-    optimised = hydra_config.mode == RunMode.MULTIRUN and optimises(hydra_config, config.objective)
     if check(directory, plain_config, config.domain):
         print(f"{directory} holds this run already, finished", file=sys.stderr)
     else:
@@ -69,10 +91,7 @@ def work(cfg: DictConfig) -> float | tuple[float, ...] | None:
             except InputError:
                 claim.abandon(config.domain)
                 raise
-    value = returned(directory, config.objective, config.plans)
-    if optimised:
-        must_be_number(value)
-    return value
+    return config
 
 
 def run(directory: Path, plain_config: dict[str, Any], config: Config, model: Ensemble) -> None:

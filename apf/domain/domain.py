@@ -92,6 +92,19 @@ class Domain(ABC):
     def concatenate(self, parts: Sequence[Any]) -> Any:
         """All plans of the parts, which have one length."""
 
+    def differ(self, plans: Any, plan: Any) -> np.ndarray:
+        """[N] bool: is each plan another one in the eyes of a person, and not just a variation?
+
+        By default, all but the very same plan are others. A domain may ask for more, such as other objects, another
+        order, or a pose that is apart by a share of an object's size.
+
+        Args:
+            plans: N plans of K placements.
+            plan: A batch of one, of K placements of the same set of objects.
+        """
+        (this,) = self.encode(plan)
+        return np.array([each != this for each in self.encode(plans)], bool)
+
     # -- feasibility detector -----------------------------------------------------------------------------------
 
     @abstractmethod
@@ -169,8 +182,17 @@ class Domain(ABC):
         """
 
     @abstractmethod
-    def read_plans(self, path: Path) -> list[NamedPlans]:
-        """The plans of somebody's own file, one batch for each length. Raises InputError, naming file and row."""
+    def read_plans(self, path: Path, objects: Any = None) -> list[NamedPlans]:
+        """The plans of somebody's own file, one batch for each length.
+
+        Args:
+            path: A .csv or .parquet file in the columns of `table`.
+            objects: The objects that the file names, as `read_objects` gives them; None: the file itself tells their
+                properties.
+
+        Raises:
+            InputError: Something is wrong with the file; it names file and row.
+        """
 
     def save_picture(self, plan: Any, path: Path, title: str = "") -> bool:
         """Write a picture of one plan; False, and no file: the domain draws none, as by default.

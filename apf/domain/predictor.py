@@ -63,3 +63,7 @@ class Predictor(ABC):
             else:
                 chances[:, length - 1] = self.feasibility(prefix, rng)
         return chances
+
+    def prefix_deviation(self, plans: Any) -> np.ndarray:
+        """[N, K] standard deviation, over members, of the chance that each gives each prefix; NaN: there are none."""
+        return np.full((len(plans), plans.length), np.nan)

@@ -176,6 +176,18 @@ class Ensemble(Predictor):
         p = self._predict(plans, last_only=True, members=members, odds=self.odds)
         return _mean(p)[:, 0]
 
+    def prefix_deviation(self, plans: Any) -> np.ndarray:
+        """As `Predictor.prefix_deviation`, with the odds of this ensemble."""
+        n, k = len(plans), plans.length
+        chances = np.ones((self.members, n, k))
+        if self.kind is Kind.SUBSEQUENCE and k > 1:
+            p = self._predict(plans, last_only=False, odds=self.odds)
+            chances[..., 1:] = p.numpy(force=True).cumprod(-1)
+        for length in range(2, k + 1) if self.kind is Kind.COMPLETE else ():
+            p = self._predict(plans.prefix(length), last_only=True, odds=self.odds)
+            chances[..., length - 1] = p.numpy(force=True)[..., 0]
+        return chances.std(0)
+
     def with_odds(self, odds: float) -> Self:
         """The same networks, whose weights are shared, with another factor for the odds of each placement."""
         other = copy.copy(self)

@@ -27,6 +27,9 @@ from apf.packing.sources import BoxSource
 from apf.packing.variations import variations
 from apf.settings import Number, Switch, settings
 
+APART = 0.25
+"""From so much on, two places of a box are no variations of each other, in units of its sides."""
+
 
 @settings
 class PackingDomain(Domain):
@@ -108,6 +111,11 @@ class PackingDomain(Domain):
         """All plans of the parts, which have one length."""
         return Packings.concatenate(parts)
 
+    def differ(self, plans: Packings, plan: Packings) -> np.ndarray:
+        """As `Domain.differ`: other boxes, another order, a box turned, or elsewhere by more than `APART`."""
+        elsewhere = (np.abs(plans.xy - plan.xy) > APART * plan.dims[..., :2]).any((1, 2))
+        return (plans.box != plan.box).any(1) | (plans.dims != plan.dims).any((1, 2)) | elsewhere
+
     def feasible(self, plans: Packings) -> np.ndarray:
         """[N] bool: would the plan succeed in a world without noise?"""
         return packed(plans)
@@ -169,9 +177,9 @@ class PackingDomain(Domain):
         save_picture(plan, path)
         return True
 
-    def read_plans(self, path: Path) -> list[NamedPlans]:
+    def read_plans(self, path: Path, objects: BoxSet | None = None) -> list[NamedPlans]:
         """The packings of a packing file, in this domain's container."""
-        return read_packings(path, self.cell)
+        return read_packings(path, self.cell, objects)
 
     @cached_property
     def objects(self) -> dict[str, BoxSet]:

@@ -73,8 +73,13 @@ def write_packings(packings: Packings, path: str | Path, units: bool = False) ->
     write_table(packing_table(packings), Path(path), UNITS if units else None)
 
 
-def read_packings(path: str | Path, cell: Cell) -> list[NamedPlans]:
+def read_packings(path: str | Path, cell: Cell, boxes: BoxSet | None = None) -> list[NamedPlans]:
     """The packings of a packing file, one batch for each length, in this cell.
+
+    Args:
+        path: A .csv or .parquet file.
+        cell: Container and gripper.
+        boxes: The boxes that the file names, whose sides may then be missing; None: the file tells them.
 
     Whether a packing succeeds is not asked: that is what labels say. Raises InputError, naming file and row, for a
     missing column, a value that is no number, an impossible box, an orientation that is none, a place outside the
@@ -82,10 +87,10 @@ def read_packings(path: str | Path, cell: Cell) -> list[NamedPlans]:
     """
     path = Path(path)
     names = ["packing", "box", "orientation"]
-    table = read_table(path, [c for c in PACKING_COLUMNS if c not in names], names, UNITS)
+    table = read_table(path, ["position", *(SIDE_COLUMNS if boxes is None else []), "x", "y"], names, UNITS)
     if not len(table):
         raise InputError(f"{path}: no packings; it needs at least one row below the header")
-    boxes = _boxes_of(table)
+    boxes, of_row = (_boxes_of(table), table.names["box"].codes) if boxes is None else (boxes, _numbered(table, boxes))
     orientation = _orientations(table)
     xy = table.stack(["x", "y"])
     outside = (np.abs(xy) > cell.container.half).any(1)
@@ -116,7 +121,7 @@ def read_packings(path: str | Path, cell: Cell) -> list[NamedPlans]:
     result = []
     for members in batches.values():
         rows = np.array([rows for _, rows in members])
-        plans = Packings(cell, boxes, box.codes[rows].astype(np.int16), orientation[rows], xy[rows])
+        plans = Packings(cell, boxes, of_row[rows].astype(np.int16), orientation[rows], xy[rows])
         numbers = tuple(number for number, _ in members)
         result.append(NamedPlans(plans, tuple(_name(packing.distinct[number]) for number in numbers), numbers))
     return result
@@ -150,6 +155,16 @@ def _boxes_of(table: Table) -> BoxSet:
         row = int(np.argmax(differs))
         raise table.error(row, f"box {names[named.codes[row]]} has other sides than in an earlier row")
     return boxes
+
+
+def _numbered(table: Table, boxes: BoxSet) -> np.ndarray:
+    """[R]: the number in the set of the box of each row. Raises InputError if the set lacks it."""
+    named, number = table.names["box"], {name: i for i, name in enumerate(boxes.name)}
+    for code, name in enumerate(named.distinct):
+        if str(name) not in number:
+            row = int(np.argmax(named.codes == code))
+            raise table.error(row, f"box {shown(name)} is not among the objects: {shown(', '.join(boxes.name))}")
+    return np.array([number[str(name)] for name in named.distinct])[named.codes]
 
 
 def _orientations(table: Table) -> np.ndarray:

@@ -98,8 +98,9 @@ class Belief(Scene):
         return found
 
     def _arm_touches(self, obstacles: list[int], clearance: float) -> bool:
+        closest = self.client.getClosestPoints
         for other in obstacles:
-            for point in self.client.getClosestPoints(self.robot, other, clearance):
+            for point in closest(self.robot, other, clearance):
                 if point[8] < clearance and not (other == self.table and point[3] not in UPPER_ARM):
                     return True
         return False

@@ -102,7 +102,7 @@ class Robot:
     def look_closely(self, block: int) -> np.ndarray | None:
         """[4, 4] where the camera on the hand sees a block; None: it does not see it."""
         images = self.hardware.images([WRIST])
-        seen = self.eyes.estimate(images, self._places(), self.belief.thought)
+        seen = self.eyes.estimate(images, self._places(), self.belief.thought, only=block)
         return seen.poses[block] if seen.seen[block] else None
 
     def examine(self, block: int) -> bool:

@@ -14,6 +14,7 @@ import logging
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cache
 
 from unified_planning.environment import Environment
 from unified_planning.model import Fluent, InstantaneousAction, Object, Problem, Type
@@ -123,6 +124,21 @@ def solve(block: int, now: str, goal: str, pedestal: Sequence[str], facts: Seque
         pedestal: Named poses that are on the pedestal.
         facts: What is known to be possible.
     """
+    # problems that differ in names alone have one plan, found once
+    named = dict.fromkeys([now, goal, *pedestal, *(fact.pose for fact in facts)])
+    poses = {name: f"pose{i}" for i, name in enumerate(named)}
+    grasps = list(dict.fromkeys(fact.grasp for fact in facts))
+    plain = tuple(Fact(0, poses[fact.pose], grasps.index(fact.grasp)) for fact in facts)
+    found = _solve(poses[now], poses[goal], tuple(poses[name] for name in pedestal), plain)
+    if found is None:
+        return None
+    names = dict(zip(plain, facts))
+    return [Action(action.name, names[action.station], action.where) for action in found]
+
+
+@cache
+def _solve(now: str, goal: str, pedestal: tuple[str, ...], facts: tuple[Fact, ...]) -> list[Action] | None:
+    """See `solve`."""
     problem = _domain()
     factory, types = problem.environment.factory, problem.environment.type_manager
     fluent = {f.name: f for f in problem.fluents}
@@ -133,7 +149,7 @@ def solve(block: int, now: str, goal: str, pedestal: Sequence[str], facts: Seque
             objects[name] = problem.add_object(name, types.UserType(kind))
         return objects[name]
 
-    cube, hand = named(f"b{block}", BLOCK), named("start", JOINTS)
+    cube, hand = named("b0", BLOCK), named("start", JOINTS)
     problem.set_initial_value(fluent["at"](hand), True)
     problem.set_initial_value(fluent["empty"](), True)
     problem.set_initial_value(fluent["lies"](cube, named(now, POSE)), True)

@@ -1,5 +1,6 @@
 """Planning with a predictor, and the evaluation of predictors."""
 
+from apf.planning.alternatives import alternatives
 from apf.planning.evaluation import EvaluationSettings, Evaluator, regret_table
 from apf.planning.learned import Learned, Trained
 from apf.planning.monte_carlo import MonteCarloPlanner
@@ -16,5 +17,6 @@ __all__ = [
     "Problem",
     "SearchPlanner",
     "Trained",
+    "alternatives",
     "regret_table",
 ]

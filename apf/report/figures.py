@@ -134,12 +134,9 @@ def save(figure: "Figure", table: pd.DataFrame, stem: Path) -> list[Path]:
         table: The data of the plot.
         stem: The path without its ending.
     """
-    import matplotlib.pyplot as plt
-
     stem.parent.mkdir(parents=True, exist_ok=True)
     paths = [stem.with_name(stem.name + ending) for ending in (".pdf", ".png", ".csv")]
     figure.savefig(paths[0], metadata={"CreationDate": None})
     figure.savefig(paths[1], dpi=200)
     table.to_csv(paths[2], index=False)
-    plt.close(figure)
     return paths

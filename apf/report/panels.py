@@ -2,7 +2,7 @@
 
 import textwrap
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import cycle
 from typing import TYPE_CHECKING, Any
 
@@ -25,6 +25,8 @@ ABREAST = 6
 """Panels of single groups in a row at most."""
 MARKERS = "os^DvX"
 """Of the groups in turn, for those who do not tell the colours apart."""
+DASHES = ("--", "-.")
+"""Of the lines of groups that have no curve, in turn."""
 LINEAR = 0.05
 """A narrow axis is linear up to here, and logarithmic above."""
 TICKS = (0.0, 0.05, 0.1, 0.2, 0.5, 1.0)
@@ -42,7 +44,8 @@ class Row:
 
     label: of the axis. curves: rows with group, plans, runs, and the columns of `lines`: the centre of a curve and the
     ends of its band. limits: of the axis. narrow: give more room to what is small (`LINEAR`). reference: where a dotted
-    line is. rises: do good curves go up?
+    line is. rises: do good curves go up? levels: of each group that has no curve, where its line is in the panel of
+    each value.
     """
 
     label: str
@@ -52,6 +55,7 @@ class Row:
     narrow: bool = False
     reference: float | None = None
     rises: bool = False
+    levels: Mapping[str, Mapping[Any, float]] = field(default_factory=dict)
 
 
 def draw_rows(rows: Sequence[Row], column: str, titles: Mapping[Any, str], across: str) -> "Figure":
@@ -67,9 +71,6 @@ def draw_rows(rows: Sequence[Row], column: str, titles: Mapping[Any, str], acros
         across: Label of the horizontal axis.
     """
     import matplotlib as mpl
-
-    if mpl.get_backend().lower() != "agg":
-        mpl.use("agg")
     import seaborn as sns
 
     groups = in_order(dict.fromkeys(group for row in rows for group in row.curves["group"]))
@@ -85,23 +86,29 @@ def _together(
     cells: Sequence[tuple[Row, Any]], column: str, titles: Mapping[Any, str], across: str, colours: Mapping[str, str]
 ) -> "Figure":
     """All groups in each panel; a legend if there are several."""
-    import matplotlib.pyplot as plt
+    from matplotlib.figure import Figure  # of no backend: it opens no window, and leaves a program's own figures alone
 
     one_row = len(cells) == len(titles)
     columns = -(-len(titles) // 2) if one_row and len(titles) > 4 else len(titles)
     depth = -(-len(cells) // columns)
-    names = [name_of(group) for group in colours]
+    flat = dict.fromkeys(group for row, _ in cells for group in row.levels)
+    names = [name_of(group) for group in (*colours, *flat)]
     entry = 0.5 + 0.062 * max(map(len, names), default=0)  # of the legend [inch], about
     abreast = min(len(names), max(1, int(PANEL[0] * columns / entry)))
     legend_rows = -(-len(names) // abreast) if len(names) > 1 else 0
     size = (max(PANEL[0] * columns, entry) + 0.3, PANEL[1] * depth + 0.2 * legend_rows)
-    figure, grid = plt.subplots(depth, columns, figsize=size, sharex=True, squeeze=False, layout="constrained")
+    figure = Figure(figsize=size, layout="constrained")
+    grid = figure.subplots(depth, columns, sharex=True, squeeze=False)
     handles: list[Line2D] = []
     for number, (row, value) in enumerate(cells):
         axes, curves = grid.flat[number], row.curves[row.curves[column] == value]
         handles = [
             _curve(axes, curves[curves["group"] == group], row.lines, colour, marker)
             for (group, colour), marker in zip(colours.items(), cycle(MARKERS))
+        ]
+        handles += [
+            axes.axhline(row.levels[group][value], color="0.35", linewidth=1, linestyle=style)
+            for group, style in zip(flat, cycle(DASHES))
         ]
         counts = [curves["runs"][curves["group"] == group].max() for group in colours]
         _finish(axes, row, counts if len(set(counts)) > 1 else counts[:1])
@@ -127,7 +134,7 @@ def _apart(
     cells: Sequence[tuple[Row, Any]], column: str, titles: Mapping[Any, str], across: str, colours: Mapping[str, str]
 ) -> "Figure":
     """A column of panels for each group; at most `ABREAST` columns, then further rows below."""
-    import matplotlib.pyplot as plt
+    from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
     groups = list(colours)
@@ -136,7 +143,8 @@ def _apart(
     depth = len(cells) * tiers
     size = (SMALL[0] * columns + 0.8, SMALL[1] * depth + 0.3 + 0.2 * tiers)
     layout = ConstrainedLayoutEngine(w_pad=0.02, h_pad=0.03)
-    figure, grid = plt.subplots(depth, columns, figsize=size, sharex=True, squeeze=False, layout=layout)
+    figure = Figure(figsize=size, layout=layout)
+    grid = figure.subplots(depth, columns, sharex=True, squeeze=False)
     for line, of_line in enumerate(grid):
         tier, (row, value) = line // len(cells), cells[line % len(cells)]
         curves = row.curves[row.curves[column] == value]

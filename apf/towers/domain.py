@@ -25,7 +25,10 @@ from apf.towers.files import read_blocks, read_towers, tower_table, write_blocks
 from apf.towers.sources import BlockSource
 from apf.towers.stability import stands
 from apf.towers.towers import Offset, Towers, random_extensions, random_towers
-from apf.towers.variations import variations
+from apf.towers.variations import relative_offsets, variations
+
+APART = 0.25
+"""From so much on, the offsets of two joints are no variations of each other, in units of half the summed sides."""
 
 STRETCHES = np.array([0.8191725134, 0.6710436067, 0.5497004779])
 """Steps, modulo 1, of a sequence that fills a cube evenly, however long it is (Roberts 2018, The unreasonable
@@ -107,6 +110,19 @@ class TowerDomain(Domain):
     def concatenate(self, parts: Sequence[Towers]) -> Towers:
         """All plans of the parts, which have one length."""
         return Towers.concatenate(parts)
+
+    def differ(self, plans: Towers, plan: Towers) -> np.ndarray:
+        """As `Domain.differ`: other blocks, another order, a block on another side, or another joint.
+
+        A joint is another one if the upper block lies elsewhere by more than `APART`. A tower that is turned as a
+        whole, about the vertical, is the same tower.
+        """
+        same = np.zeros(len(plans), bool)
+        for quarters in range(4):
+            other = plan.turned(quarters)
+            joints = np.abs(relative_offsets(plans) - relative_offsets(other)).max((1, 2), initial=0)
+            same |= (plans.dims == other.dims).all((1, 2)) & (joints <= APART)
+        return ~(same & (plans.block == plan.block).all(1))
 
     def features(self, plans: Towers) -> np.ndarray:
         """[N, K, n_features] float32: what a network sees."""
@@ -196,9 +212,9 @@ class TowerDomain(Domain):
         save_picture(plan, path, title)
         return True
 
-    def read_plans(self, path: Path) -> list[NamedPlans]:
+    def read_plans(self, path: Path, objects: BlockSet | None = None) -> list[NamedPlans]:
         """The towers of a tower file."""
-        return read_towers(path)
+        return read_towers(path, objects)
 
 
 def _loaded(key: str, source: BlockSource) -> BlockSet:

@@ -31,8 +31,10 @@ GAP = 1e-4
 """A block may float above, or sink into, what is below it by this much [m]: files round."""
 RELATIVE_GAP = 1e-3
 """Or by this share of the taller of the two: the digits that files keep are often relative to the size."""
-LARGEST = 5.0
-"""The longest side [m] that is believed without a unit: 5 mm, written as if it were metres."""
+BELIEVED = (0.005, 1.0)
+"""The sides [m] that are believed without a unit."""
+LIKELY = (0.02, 0.5)
+"""The longest side of a block, as most have it [m]: it tells which unit was meant."""
 DENSITIES = (0.01, 25_000.0)
 """The densities [kg/m3] that are believed without units: a hundredth of air's (what is meant in cm is another ten times
 lighter, while blocks of a made-up 1 kg may well be metres long), and just more than osmium's."""
@@ -83,21 +85,25 @@ def tower_table(towers: Towers, first: int = 0) -> pd.DataFrame:
     return pd.concat([table, blocks, pose], axis=1)
 
 
-def read_towers(path: str | Path) -> list[NamedPlans]:
+def read_towers(path: str | Path, blocks: BlockSet | None = None) -> list[NamedPlans]:
     """The towers of a tower file, one batch for each length.
 
     If all rotations are (1, 0, 0, 0), a line on standard error asks whether w came first.
+
+    Args:
+        path: A .csv or .parquet file.
+        blocks: The blocks that the file names, whose own columns may then be missing; None: the file describes them.
 
     Raises InputError, naming file, tower and row, for a missing column, a value that is no number, an impossible or
     implausible block, a rotation that is not axis-aligned, positions that do not count from 0, a block used twice in a
     tower, and a placement that overlaps what is below it, floats above it, or has nothing below it.
     """
     path = Path(path)
-    numbers = [column for column in TOWER_COLUMNS if column not in ("tower", "block")]
+    numbers = ["position", *(BLOCK_COLUMNS[1:] if blocks is None else []), *POSE_COLUMNS]
     table = read_table(path, numbers, ["tower", "block"], UNITS)
     if not len(table):
         raise InputError(f"{path}: no towers; it needs at least one row below the header")
-    blocks, block = _blocks_of(table)
+    blocks, block = _blocks_of(table) if blocks is None else (blocks, _numbered(table, blocks))
     rotation = _rotations(table)
     xy = table.stack(["x", "y"])
     far = (np.abs(xy) > SIDES[1]).any(1)
@@ -161,6 +167,16 @@ def _blocks_of(table: Table) -> tuple[BlockSet, np.ndarray]:
     return blocks, named.codes
 
 
+def _numbered(table: Table, blocks: BlockSet) -> np.ndarray:
+    """[R]: the number in the set of the block of each row. Raises InputError if the set lacks it."""
+    named, number = table.names["block"], {name: i for i, name in enumerate(blocks.name)}
+    for code, name in enumerate(named.distinct):
+        if str(name) not in number:
+            row = int(np.argmax(named.codes == code))
+            raise table.error(row, f"block {shown(name)} is not among the objects: {shown(', '.join(blocks.name))}")
+    return np.array([number[str(name)] for name in named.distinct])[named.codes]
+
+
 def _require_plausible(
     table: Table, names: Sequence[str], dims: np.ndarray, mass: np.ndarray, rows: np.ndarray
 ) -> None:
@@ -168,7 +184,8 @@ def _require_plausible(
     sides, all_units = BLOCK_COLUMNS[1:4], [*BLOCK_COLUMNS[1:4], "mass"]
     density = mass / dims.prod(1)
     checks = [
-        (sides, (dims > LARGEST).any(1), f"has a side above {LARGEST:g} m"),
+        (sides, (dims > BELIEVED[1]).any(1), f"has a side above {BELIEVED[1]:g} m"),
+        (sides, (dims < BELIEVED[0]).any(1), f"has a side below {BELIEVED[0] * 1000:g} mm"),
         (all_units, density < DENSITIES[0], "is a hundred times lighter than air"),
         (all_units, density > DENSITIES[1], "is heavier than any material"),
     ]
@@ -178,9 +195,18 @@ def _require_plausible(
             size = " x ".join(f"{side:g}" for side in dims[i])
             raise table.error(
                 rows[i],
-                f"block {names[i]}, {size} m and {mass[i]:g} kg, {what}; write the units in the header, "
-                "as in dim_x [mm] and mass [g], or dim_x [m] and mass [kg] if they are meant",
+                f"block {names[i]}, {size} m and {mass[i]:g} kg, {what}; without units, sides are in m and masses in "
+                f"kg: write the units in the header, {_remedy(dims[i])}",
             )
+
+
+def _remedy(dims: np.ndarray) -> str:
+    """How headers name the units of a block that is not believed in m and kg, of which the sides are [3]."""
+    likely = (unit for unit, n in (("mm", 1000), ("cm", 100)) if LIKELY[0] <= dims.max() / n <= LIKELY[1])
+    unit = next(likely, None)
+    if unit is not None:
+        return f"dim_x [{unit}] if they are in {unit} (dim_x [m] if they are meant), and mass [g] or mass [kg]"
+    return "as in dim_x [mm] and mass [g], or dim_x [m] and mass [kg] if they are meant"
 
 
 def _rotations(table: Table) -> np.ndarray:

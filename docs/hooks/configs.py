@@ -20,6 +20,7 @@ from apf.schema import Config
 ROOTS = (
     ("config", "One run", "python -m apf.main"),
     ("plan", "A plan for your own objects", "python -m apf.plan"),
+    ("predict", "Chances of your own plans", "python -m apf.predict"),
     ("label", "Labels of your own plans", "python -m apf.label"),
     ("relabel", "A corrected label", "python -m apf.relabel"),
     ("show", "A film of the robot", "python -m apf.panda.show"),

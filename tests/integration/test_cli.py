@@ -27,7 +27,7 @@ def test_a_run_shows_each_step_as_lines(smoke: tuple[Path, Result]) -> None:
     topics = [
         match.groups() for line in lines if (match := re.match(r"step (\d+), (\d+) plans, (\w+): [\w/]+ \S", line))
     ]
-    evaluated = ["data", "score", "loss", "regret", "success", "predicted", "accuracy"]
+    evaluated = ["data", "score", "loss", "regret", "success", "predicted", "accuracy", "auc", "nll", "ece"]
     assert topics == [
         *(("0", "20", topic) for topic in ("data", "loss")),
         *(("1", "30", topic) for topic in evaluated),
@@ -42,7 +42,7 @@ def test_a_run_ends_with_a_summary(smoke: tuple[Path, Result]) -> None:
     summary = result.err[result.err.index("40 labelled plans") :]
     assert re.match(r"40 labelled plans in (\d+ min )?\d+ s\n", summary)
     assert "median regret" in summary
-    for word in ("tallest", "overhang", "unsupported", "accuracy"):
+    for word in ("tallest", "overhang", "unsupported", "accuracy", "AUC", "NLL", "ECE"):
         assert word in summary
     assert summary.rstrip().splitlines()[-1] == str(directory)
 

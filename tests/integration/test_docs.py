@@ -104,8 +104,10 @@ def test_the_tutorial_plans_for_own_blocks(tiny_run: Path, here: Path) -> None:
     assert rows is not None
     (here / "mine.csv").write_text(textwrap.dedent(rows[0]))
     (plan,) = re.findall(r"python -m apf\.plan (.*)", tutorial)
+    (predict,) = re.findall(r"python -m apf\.predict (.*)", tutorial)
     (label,) = re.findall(r"python -m apf\.label (.*)", tutorial)
     call(*plan.replace("run=runs/first", f"run={tiny_run}").split(), command="apf.plan").must_work()
+    call(*predict.replace("run=runs/first", f"run={tiny_run}").split(), command="apf.predict").must_work()
     call(*label.split(), command="apf.label").must_work()
     labels = pd.read_csv("labels.csv")
     assert list(labels) == ["tower", "position", "label"] and len(labels) == 3

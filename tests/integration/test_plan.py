@@ -1,26 +1,17 @@
-"""python -m apf.plan: a plan for somebody's own blocks."""
+"""python -m apf.plan: plans for somebody's own blocks."""
 
 import re
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
-from apf.commands.plan import plan
-from apf.planning import SearchPlanner
-from apf.towers import (
-    AnalyticPredictor,
-    BlockSource,
-    Overhang,
-    Tallest,
-    TowerDomain,
-    read_towers,
-    stands,
-    write_blocks,
-)
-from integration.command_line import TINY, call
+from apf.towers import BlockSource, Overhang, TowerDomain, Towers, read_towers, stands, write_blocks
+from integration.command_line import call
 
 pytestmark = pytest.mark.usefixtures("no_figures")
+QUICK = ("planner.generations=5", "planner.start=300", "planner.candidates=1000")
 
 
 @pytest.fixture
@@ -30,10 +21,15 @@ def mine(here: Path) -> Path:
     return here / "mine.csv"
 
 
+def towers_of(path: Path) -> Towers:
+    ((towers),) = (batch.plans for batch in read_towers(path))
+    return towers
+
+
 def test_who_knows_the_physics_gets_a_tower_that_stands(mine: Path) -> None:
     command = ("objects=mine.csv", "task=overhang", "length=4", "predictor=analytic")
     result = call(*command, "out=mine_plan.csv", command="apf.plan").must_work()
-    ((tower,),) = ([batch.plans] for batch in read_towers(mine.with_name("mine_plan.csv")))
+    tower = towers_of(mine.with_name("mine_plan.csv"))
     assert stands(tower).tolist() == [True]
     assert set(np.array(tower.blocks.name)[tower.block[0]]) <= {f"mine_{i:02d}" for i in range(6)}
     said = re.match(r"overhang (\S+) m, chance 1.00\n", result.out)
@@ -46,15 +42,43 @@ def test_who_knows_the_physics_gets_a_tower_that_stands(mine: Path) -> None:
     assert Path("b.csv").read_text() == Path("mine_plan.csv").read_text()
 
 
-def test_a_run_that_has_learned(mine: Path) -> None:
-    call(*TINY, "hydra.run.dir=run").must_work()
+def test_several_that_differ_from_each_other(mine: Path) -> None:
+    """From the best on, in one file; a picture each."""
+    command = ("objects=mine.csv", "task=tallest", "length=3", "predictor=analytic", "top=3", "out=p.csv")
+    result = call(*command, *QUICK, command="apf.plan").must_work()
+    towers = towers_of(mine.with_name("p.csv"))
+    assert stands(towers).tolist() == [True] * 3
+    domain = TowerDomain()
+    pairs = [(i, j) for i in range(3) for j in range(3) if i != j]
+    assert all(domain.differ(towers[[i]], towers[[j]]).all() for i, j in pairs)
+    table = pd.read_csv("p.csv")
+    values = table.groupby("tower")["value"].first()
+    assert values.is_monotonic_decreasing
+    assert re.findall(r"^(\d): tallest", result.out, re.MULTILINE) == ["0", "1", "2"]
+    assert {path.name for path in mine.parent.glob("*.png")} == {"p_0.png", "p_1.png", "p_2.png"}
+
+
+def test_a_run_that_has_learned(mine: Path, tiny_run: Path) -> None:
     result = call(
-        "objects=mine.csv", "task=tallest", "length=3", "run=run", "planner.generations=2", command="apf.plan"
+        "objects=mine.csv", "task=tallest", "length=3", f"run={tiny_run}", "planner.generations=2", command="apf.plan"
     )
     result.must_work()
-    assert re.search(r"members say: 0\.\d\d to 0\.\d\d, standard deviation 0\.\d\d\n", result.out)
+    assert re.search(r"standard deviation of the members: 0\.00 0\.\d\d 0\.\d\d\n", result.out)
     labels = call("plans=plan.csv", "out=labels.csv", command="apf.label").must_work()
     assert "1 plans labelled" in labels.out
+
+
+def test_a_least_chance(mine: Path, tiny_run: Path) -> None:
+    """Each plan has it; if there is none, the highest chance that was found is said."""
+    command = ("objects=mine.csv", "task=overhang", "length=3", f"run={tiny_run}", "top=2", *QUICK)
+    line = call(*command, "stand=0.9999", command="apf.plan").must_refuse("stand is 0.9999", "0.9999", "length")
+    found = re.search(r"best chance that was found is (0\.\d\d)", line)
+    assert found is not None
+    assert {path.name for path in mine.parent.iterdir()} == {"mine.csv"}
+    least = float(found[1]) - 0.02
+    call(*command, f"stand={least}", command="apf.plan").must_work()
+    table = pd.read_csv("plan.csv")
+    assert (table[table["position"] == 2]["chance"] >= least - 1e-4).all()
 
 
 @pytest.mark.parametrize(
@@ -63,9 +87,11 @@ def test_a_run_that_has_learned(mine: Path) -> None:
         (("task=overhang",), ("run is missing", "predictor=analytic")),
         (("run=run",), ("task is tallest, overhang, unsupported", "task=NAME")),
         (("task=overhang", "run=run"), ("run holds no run",)),
-        (("task=overhang", "predictor=analytic", "length=7"), ("length", "6")),
+        (("task=overhang", "predictor=analytic", "length=7"), ("length", "7 blocks", "objects has 6")),
         (("task=overhang", "predictor=analytic", "out=plan.txt"), ("plan.txt", ".csv or .parquet")),
         (("task=overhang", "predictor=analytic", "objects=none.csv"), ("objects: none.csv", "no such file")),
+        (("task=overhang", "predictor=analytic", "top=0"), ("top is 0", "greater than or equal to 1")),
+        (("task=overhang", "predictor=analytic", "stand=90"), ("stand is 90", "less than or equal to 1")),
     ],
 )
 def test_mistakes(mine: Path, arguments: tuple[str, ...], words: tuple[str, ...]) -> None:
@@ -73,11 +99,24 @@ def test_mistakes(mine: Path, arguments: tuple[str, ...], words: tuple[str, ...]
     assert {path.name for path in mine.parent.iterdir()} == {"mine.csv"}
 
 
-def test_from_python() -> None:
-    """Longer towers of more blocks are taller; the same seed gives the same tower."""
-    domain = TowerDomain(training=BlockSource(blocks=8, seed=3))
-    planner = SearchPlanner(candidates=1000, generations=5)
-    three, four, again = (plan(domain, Tallest(), AnalyticPredictor(), planner, n, seed=1) for n in (3, 4, 4))
-    assert stands(four.plan).all()
-    assert four.value > three.value
-    np.testing.assert_array_equal(four.plan.xy, again.plan.xy)
+@pytest.mark.parametrize(
+    ("factor", "words"),
+    [(1000, ("above 1 m", "dim_x [mm]")), (100, ("above 1 m", "dim_x [cm]")), (0.01, ("below 5 mm", "sides are in m"))],
+)
+def test_blocks_in_another_unit(mine: Path, factor: float, words: tuple[str, ...]) -> None:
+    table = pd.read_csv(mine)
+    table[table.columns[1:7]] *= factor
+    table.to_csv(mine, index=False)
+    command = ("objects=mine.csv", "task=overhang", "predictor=analytic")
+    call(*command, command="apf.plan").must_refuse("objects: mine.csv, row 2", *words)
+
+
+@pytest.mark.slow
+def test_as_a_person_types_it(mine: Path) -> None:
+    """In a process of its own: nothing but what was found is printed."""
+    from integration.command_line import spawn
+
+    command = ["-m", "apf.plan", "objects=mine.csv", "task=tallest", "length=2", "predictor=analytic", *QUICK]
+    result = spawn(command, cwd=mine.parent).must_work()
+    assert result.err == ""
+    assert result.out.startswith("tallest ")

@@ -1,10 +1,10 @@
 """What a command does before it works: it says its version, its help and its completions, and waits for no library."""
 
 import re
+import runpy
 import subprocess
 import sys
 import tomllib
-from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -77,7 +77,7 @@ def test_every_command_is_a_console_script() -> None:
     scripts = tomllib.loads((REPOSITORY / "pyproject.toml").read_text())["project"]["scripts"]
     for target in scripts.values():
         module, _, function = target.partition(":")
-        assert callable(getattr(import_module(module), function))
+        assert callable(runpy.run_module(module, run_name="started")[function])
     assert {target.partition(":")[0] for target in scripts.values()} == {*MAINS, "apf.dashboard"}
 
 

@@ -15,6 +15,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from apf.commands.label import LabelConfig
 from apf.commands.plan import PlanConfig
+from apf.commands.predict import PredictConfig
 from apf.commands.relabel import RelabelConfig
 from apf.commands.run import make_model
 from apf.config.build import build
@@ -148,6 +149,7 @@ def test_all_keys_of_an_option_given_all_values(group: str, option: str) -> None
     [
         ("label", LabelConfig, ["plans=a.csv", "out=b.csv"], ["model", "task"]),
         ("plan", PlanConfig, ["objects=a.csv"], ["model"]),
+        ("predict", PredictConfig, ["plans=a.csv", "out=b.csv"], ["model", "task"]),
         ("relabel", RelabelConfig, ["run=a", "plan=1", "labels='10'"], []),
         ("show", "apf.panda.show.ShowConfig", ["tower=a.csv"], ["domain", "model", "task"]),
         ("sheets", "apf.panda.sheets.SheetsConfig", ["blocks=a.csv"], []),

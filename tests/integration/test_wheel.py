@@ -52,7 +52,7 @@ def test_the_wheel_holds_the_package_and_every_config(installed: Path) -> None:
     configs |= {f"apf/sweeps/{path.relative_to(SWEEPS)}" for path in SWEEPS.rglob("*.yaml")}
     packages = [REPOSITORY / name for name in ("apf", "analysis", "hydra_plugins")]
     code = {str(path.relative_to(REPOSITORY)) for package in packages for path in package.rglob("*.py")}
-    assert names == configs | code
+    assert names == configs | code | {"apf/py.typed"}
 
 
 @pytest.mark.slow

@@ -1,7 +1,7 @@
 """What the robot sees of blocks, in images of scenes whose true poses are known."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -11,13 +11,13 @@ from apf.panda.geometry import about_z, angle, distance, inverse, moved, pose
 from apf.panda.grasps import Gripper, grasps_of
 from apf.panda.kinematics import REST, forward, inverse_kinematics
 from apf.panda.layout import Layout
-from apf.panda.scene import OPEN
+from apf.panda.scene import OPEN, WOOD
 from apf.panda.stations import Reach, posture, tilts
 from apf.panda.vision import Camera, Cameras, Eyes, Sighting
 from apf.panda.vision.cameras import LEFT, RIGHT, STATIC, WRIST, projected
 from apf.panda.vision.detection import detect
 from apf.panda.vision.markers import marker_corners, marker_image
-from apf.panda.vision.studio import Studio
+from apf.panda.vision.studio import BACKGROUND, TABLE, Studio
 from apf.towers import ROTATIONS, BlockSet
 
 BASE = np.array([0.45, 0.0])
@@ -120,6 +120,48 @@ def test_images_are_as_the_intrinsics_say(stage: Stage, many: int) -> None:
     outwards /= np.linalg.norm(outwards, axis=-1, keepdims=True)
     assert abs((off * outwards).sum(-1).mean()) < 0.08, "markers are neither larger nor smaller"
     assert np.sqrt((off**2).sum(-1).mean()) < 0.4
+
+
+class Plain(Studio):
+    """The renderer draws the table, too."""
+
+    def prepare(self, blocks: BlockSet) -> None:
+        super().prepare(blocks)
+        self.client.changeVisualShape(self.table, -1, rgbaColor=WOOD)
+
+    def _table_seen(self, camera: Camera, where: np.ndarray, depth: np.ndarray) -> np.ndarray:
+        return np.zeros_like(depth, bool)
+
+
+@pytest.mark.parametrize(("view", "many"), [("edge", 1), ("corner", 2), ("left", 2), ("wrist", 1)])
+def test_the_table_is_drawn_as_the_renderer_draws_it(stage: Stage, view: str, many: int) -> None:
+    """Its edges in view, and blocks that lie on it, hang over an edge, and lie beside it, lower down."""
+    (_, far), (right, _) = Layout().table_x, Layout().table_y
+    places = stage.places()
+    sight = {"noise": 0.0, "supersampling": many}
+    camera, where = {
+        "edge": (Camera(position=(0.4, 0.1, 0.5), target=(far, 0, 0), **sight), None),
+        "corner": (Camera(position=(0.5, -0.5, 0.6), target=(far, right, 0), **sight), None),
+        "left": (replace(stage.cameras[LEFT], **sight), places[LEFT]),
+        "wrist": (replace(stage.cameras[WRIST], **sight), places[WRIST]),
+    }[view]
+    poses = stage.home()
+    poses[0] = on_table(stage, 0, np.array([far, 0.0]), about_z(0.3))
+    poses[1] = on_table(stage, 1, np.array([far - 0.1, right + 0.01]), about_z(0.7))
+    poses[2] = moved(on_table(stage, 2, np.array([far + 0.05, -0.1]), about_z(0.2)), (0, 0, -0.03))
+    pictures = []
+    for cls in (Studio, Plain):
+        studio = cls(Layout())
+        studio.prepare(stage.blocks)
+        studio.set(poses, REST, (OPEN, OPEN))
+        pictures.append(
+            studio.photograph(camera, camera.mounting if where is None else where, np.random.default_rng(0)).astype(int)
+        )
+        studio.close()
+    off = np.abs(pictures[0] - pictures[1])
+    assert (off > 3).mean() < 2e-5
+    if view in ("edge", "corner"):
+        assert {TABLE, BACKGROUND} <= set(pictures[0].ravel()), "both sides of an edge are in view"
 
 
 def test_other_blocks_are_built_anew(stage: Stage) -> None:
@@ -349,6 +391,26 @@ def test_a_marker_that_is_there_twice_does_not_ruin_a_pose(stage: Stage) -> None
     found = stage.eyes.estimate(images, stage.places())
     assert found.markers[1] == free.markers[1] - 1
     assert distance(found.poses[1], poses[1]) < 0.003
+
+
+# -- one block alone ---------------------------------------------------------------------------------------------
+
+
+def test_one_block_is_estimated_as_it_is_among_all(stage: Stage) -> None:
+    """To the last bit, and of the others nothing is said."""
+    poses = stage.home()
+    poses[1] = on_table(stage, 1, BASE, about_z(0.2))
+    images, expected = stage.images(poses), stage.home()
+    whole = stage.eyes.estimate(images, stage.places(), expected)
+    assert whole.seen.all()
+    for block in range(4):
+        alone = stage.eyes.estimate(images, stage.places(), expected, only=block)
+        others = np.arange(4) != block
+        for name, values in vars(alone).items():
+            np.testing.assert_array_equal(values[block], vars(whole)[name][block], err_msg=name)
+        assert not alone.seen[others].any()
+        assert np.isnan(alone.poses[others]).all()
+        assert np.isnan(alone.surprise[others]).all()
 
 
 # -- what was expected -------------------------------------------------------------------------------------------

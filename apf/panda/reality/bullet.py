@@ -12,6 +12,12 @@ from apf.panda.scene import ARM, FINGERS, HAND, LEFT, RIGHT, TARGET, Scene
 from apf.settings import Few, Number, Whole, settings
 from apf.towers import BlockSet
 
+AT_REST = 1e-4
+"""Blocks whose motion stays below this for two seconds sleep until something comes near them.
+
+The motion is the sum of the squares of all velocities [m/s, rad/s]. What begins to fall soon moves faster.
+"""
+
 
 @settings
 class Bullet(Physics):
@@ -58,6 +64,8 @@ class BulletReality(Simulated):
     def put(self, index: int, where: np.ndarray) -> None:
         """A block at a pose [4, 4] of its centre of geometry, at rest."""
         self.scene.put(index, where)
+        for body in self.scene.bodies:  # a sleeping block would not notice that its support was taken away
+            self.client.changeDynamics(body, -1, activationState=self.client.ACTIVATION_STATE_WAKE_UP)
 
     def pose_of(self, index: int) -> np.ndarray:
         """[4, 4] of a block's centre of geometry."""
@@ -88,7 +96,14 @@ class BulletReality(Simulated):
         for body in (scene.table, scene.pedestal):
             client.changeDynamics(body, -1, lateralFriction=self.physics.friction)
         for body, factor in zip(scene.bodies, friction):
-            client.changeDynamics(body, -1, lateralFriction=float(self.physics.friction * factor))
+            client.changeDynamics(
+                body,
+                -1,
+                lateralFriction=float(self.physics.friction * factor),
+                # what sleeps costs the solver nothing, and does not creep
+                activationState=client.ACTIVATION_STATE_ENABLE_SLEEPING,
+                sleepThreshold=AT_REST,
+            )
         for finger in FINGERS:
             client.changeDynamics(scene.robot, finger, lateralFriction=self.gripper.friction)
         gear = client.createConstraint(

@@ -68,7 +68,11 @@ class Eyes:
         self._sides = [marker_sides(dims) for dims in blocks.dims]
 
     def estimate(
-        self, images: Mapping[str, np.ndarray], places: Mapping[str, np.ndarray], expected: np.ndarray | None = None
+        self,
+        images: Mapping[str, np.ndarray],
+        places: Mapping[str, np.ndarray],
+        expected: np.ndarray | None = None,
+        only: int | None = None,
     ) -> Sighting:
         """Where the blocks are.
 
@@ -77,6 +81,7 @@ class Eyes:
             places: [4, 4] by the names of cameras: their optical frames in the robot's frame.
             expected: [B, 4, 4] where blocks are thought to be: to say how far what is seen surprises, and to decide
                 between two poses that explain a single marker equally well.
+            only: The block that is asked for; the others count as not seen. None: all are asked for.
 
         Raises:
             ValueError: An image is not of the camera's size, or not of bytes.
@@ -88,6 +93,8 @@ class Eyes:
                 what = f"image is {image.shape} {image.dtype}"
                 raise ValueError(f"camera {name}: its {what}; it must be {(camera.height, camera.width)} uint8")
             for each in detect(image, len(self.blocks)):
+                if only is not None and each.block != only:
+                    continue
                 points = self._corners[each.block][each.face]
                 views[each.block].append(_View(each.face, each.corners, points, places[name], camera.intrinsics))
         found = [

@@ -9,14 +9,15 @@ import imageio.v3 as imageio
 import numpy as np
 
 from apf.panda.layout import Layout
-from apf.panda.scene import COLOURS, FINGERS, Scene
+from apf.panda.scene import COLOURS, FINGERS, WOOD, Scene
 from apf.panda.vision.cameras import Camera
 from apf.panda.vision.markers import check_number, mesh, texture
 from apf.towers import BlockSet
 
 NEAR, FAR = 0.02, 4.0
 """What is nearer or farther [m] is not drawn."""
-BACKGROUND = 200
+BACKGROUND, TABLE = 200, 174
+"""Brightness of what is empty, and of the table's top in this light."""
 
 
 @cache
@@ -38,6 +39,8 @@ class Studio(Scene):
         if self.blocks is None or not self.blocks.equals(blocks):
             self._number += 1
             self.build(blocks, self.layout.home_poses(blocks.dims))
+            # the renderer needs more time for the large, plain table than for all else, so it is drawn here
+            self.client.changeVisualShape(self.table, -1, rgbaColor=(*WOOD[:3], 0))
 
     def _visual(self, index: int) -> int:
         assert self.blocks is not None
@@ -90,9 +93,10 @@ class Studio(Scene):
             renderer=self.client.ER_TINY_RENDERER,
             flags=self.client.ER_NO_SEGMENTATION_MASK,
         )
-        pixels = np.reshape(np.asarray(picture[2], np.uint8), (height, width, 4))
-        grey = cv2.cvtColor(np.ascontiguousarray(pixels[..., :3]), cv2.COLOR_RGB2GRAY)
-        grey[np.reshape(np.asarray(picture[3]), (height, width)) >= 1.0] = BACKGROUND
+        grey = cv2.cvtColor(np.reshape(np.asarray(picture[2], np.uint8), (height, width, 4)), cv2.COLOR_RGBA2GRAY)
+        depth = np.reshape(np.asarray(picture[3], np.float32), (height, width))
+        grey[depth >= 1.0] = BACKGROUND
+        grey[self._table_seen(camera, where, depth)] = TABLE
         image: np.ndarray = grey.astype(np.float32)
         if many > 1:
             image = cv2.resize(image, (camera.width, camera.height), interpolation=cv2.INTER_AREA)
@@ -100,6 +104,35 @@ class Studio(Scene):
             image = cv2.GaussianBlur(image, (0, 0), camera.blur)
         noise = rng.standard_normal(image.shape, np.float32) * np.float32(camera.noise)
         return np.clip(np.round(image + noise), 0, 255).astype(np.uint8)
+
+    def _table_seen(self, camera: Camera, where: np.ndarray, depth: np.ndarray) -> np.ndarray:
+        """[H, W] bool: in which pixels is the table's top the nearest thing?
+
+        Along the ray of each pixel, the inverse of the distance to a plane is linear in the pixel. The table's sides,
+        in view of a camera beyond its edge alone, are not drawn.
+
+        Args:
+            camera: What kind of image.
+            where: [4, 4] its optical frame.
+            depth: [H, W] the renderer's depth of what else is seen: 0 at `NEAR`, 1 at `FAR`.
+        """
+        if where[2, 3] <= 0:
+            return np.zeros(depth.shape, bool)
+        height, width = depth.shape
+        u, v = (
+            ((np.arange(n) + 0.5 - n / 2) / (camera.focal * n / m))
+            for n, m in ((width, camera.width), (height, camera.height))
+        )
+
+        def linear(row: np.ndarray) -> np.ndarray:
+            return (row[0] * u).astype(np.float32) + (row[1] * v + row[2]).astype(np.float32)[:, None]
+
+        plane = -where[2, :3] / where[2, 3]
+        seen = linear(plane) > (1 - depth * np.float32(1 - NEAR / FAR)) / np.float32(NEAR)
+        for axis, ends in enumerate((self.layout.table_x, self.layout.table_y)):
+            for sign, end in zip((1, -1), ends):
+                seen &= linear(sign * (where[axis, :3] - (end - where[axis, 3]) * plane)) >= 0
+        return seen
 
     def _projection(self, camera: Camera) -> list[float]:
         """PyBullet's matrix of a camera.

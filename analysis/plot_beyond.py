@@ -1,0 +1,139 @@
+"""Several ways to learn and to plan: mean regret with its 95 % interval over runs, for all tasks and for each.
+
+python analysis/plot_beyond.py "Monte Carlo=runs/strategies" "Search=runs/beyond" "Oracle=runs/oracle" --out beyond
+
+Each argument names a group of finished runs. A group that does not learn, such as `predictor=oracle`, is a dashed line.
+Regret is that against the best of the random candidates, so that a planner which finds better plans has less than 0.
+"""
+
+import argparse
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+
+from analysis.commands import finished_runs, one_line_errors
+from apf.errors import InputError
+from apf.report.figures import Words, plural, save
+from apf.report.names import world_of
+from apf.report.panels import Row, draw_rows
+from apf.report.runs import Run, gather
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+ALL = "all tasks"
+"""In place of a task: the mean over tasks."""
+RESAMPLES = 10_000
+"""Of the runs, for an interval."""
+
+
+def mean_curves(regret: pd.DataFrame, world: str) -> pd.DataFrame:
+    """Mean regret over problems and runs: group, task, plans, mean, low, high, worst, standing, chance, runs.
+
+    low, high: 95 % interval of the mean by bootstrap over runs; of a single run NaN. worst: of the runs' means.
+    standing: share of chosen plans that succeeded. chance: mean of what was predicted of these plans.
+
+    Args:
+        regret: Rows of `regret.parquet`, with columns run and group.
+        world: Where chosen plans were executed.
+    """
+    here = regret[regret["world"] == world].astype({"feasible": float})
+    quantities = ["regret", "feasible", "chance"]
+    of_runs = here.groupby(["group", "plans", "run", "task"], sort=False)[quantities].mean().reset_index()
+    of_all = of_runs.groupby(["group", "plans", "run"], sort=False)[quantities].mean().reset_index()
+    both = pd.concat([of_all.assign(task=ALL), of_runs], ignore_index=True)
+    rows = []
+    for (group, task, plans), part in both.groupby(["group", "task", "plans"], sort=False):
+        values = part["regret"].to_numpy()
+        low, high = interval(values)
+        said = part["feasible"].mean(), part["chance"].mean()
+        rows.append((group, task, plans, values.mean(), low, high, values.max(), *said, len(values)))
+    columns = ["group", "task", "plans", "mean", "low", "high", "worst", "standing", "chance", "runs"]
+    return pd.DataFrame(rows, columns=columns)
+
+
+def interval(values: np.ndarray) -> tuple[float, float]:
+    """The 95 % interval of the mean of these values [N], by bootstrap; NaN for fewer than two."""
+    if len(values) < 2:
+        return np.nan, np.nan
+    means = np.random.default_rng(0).choice(values, (RESAMPLES, len(values))).mean(1)
+    low, high = np.percentile(means, [2.5, 97.5])
+    return float(low), float(high)
+
+
+def plot(curves: pd.DataFrame, words: Words, world: str) -> "Figure":
+    """A panel for all tasks together, then one for each.
+
+    Args:
+        curves: Of `mean_curves`.
+        words: Of the domain.
+        world: Where chosen plans were executed.
+    """
+    tasks = dict.fromkeys(curves["task"])
+    titles = {task: words.titles.get(task) or str(task).replace("_", " ").capitalize() for task in tasks}
+    learning = curves[curves["plans"] > 0]
+    limits = (min(0.0, curves["low"].min(), curves["mean"].min()) - 0.03, min(1.0, learning["high"].max()) + 0.03)
+    row = Row(
+        f"Mean regret, {world_of(world)}",
+        learning,
+        ("mean", "low", "high"),
+        limits,
+        reference=0.0,
+        levels=levels(curves),
+    )
+    return draw_rows([row], "task", titles, f"Labelled {plural(words.plan)}")
+
+
+def levels(curves: pd.DataFrame) -> Mapping[str, Mapping[str, float]]:
+    """Mean regret for each task of each group that labelled nothing."""
+    still = curves[curves["plans"] == 0]
+    return {str(group): dict(zip(part["task"], part["mean"])) for group, part in still.groupby("group", sort=False)}
+
+
+def named(text: str) -> tuple[str, Path]:
+    """The name and the folder of NAME=DIR. Raises InputError if it is no such text."""
+    name, _, directory = text.partition("=")
+    if not name or not directory:
+        raise InputError(f"{text}: write NAME=DIR, e.g. 'Search=runs/beyond'")
+    return name, Path(directory)
+
+
+def gathered(groups: Sequence[tuple[str, Path]]) -> tuple[list[Run], pd.DataFrame]:
+    """The runs of all groups, and one table of their regret whose column group has the groups' names.
+
+    Args:
+        groups: Name and folder of each. Folders of one name make one group.
+    """
+    runs: list[Run] = []
+    tables = []
+    for name, directory in groups:
+        of_group = finished_runs([directory])
+        table = gather(of_group, "regret").assign(group=name)
+        tables.append(table.assign(run=table["run"] + len(runs)))
+        runs += of_group
+    return runs, pd.concat(tables, ignore_index=True)
+
+
+def main() -> None:
+    """Draw the runs on the command line, and print what was drawn."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("groups", nargs="+", metavar="NAME=DIR", help="a name for the runs in and below a folder")
+    parser.add_argument("--world", default="noisy", help="where chosen plans were executed (default: %(default)s)")
+    parser.add_argument("--out", type=Path, required=True, help="where to write: STEM.pdf, STEM.png, STEM.csv")
+    arguments = parser.parse_args()
+    with one_line_errors():
+        runs, regret = gathered([named(text) for text in arguments.groups])
+        if arguments.world not in set(regret["world"]):
+            raise InputError(f"--world {arguments.world}: the runs have {', '.join(sorted(set(regret['world'])))}")
+        curves = mean_curves(regret, arguments.world)
+        words = Words.common([run.words for run in runs])
+        paths = save(plot(curves, words, arguments.world), curves.round(4), arguments.out)
+    print(curves[curves["task"] == ALL].drop(columns="task").round(3).to_string(index=False))
+    print(*paths, sep="\n")
+
+
+if __name__ == "__main__":
+    main()
