@@ -10,6 +10,15 @@ RESULTS = REPOSITORY / "results"
 STRATEGIES, BASELINES = "runs/strategies", "runs/baselines"
 ANALYSES = {
     "regret.csv": ("plot_regret.py", STRATEGIES, BASELINES, "--out", "regret"),
+    "active.csv": (
+        "plot_regret.py",
+        "runs/strategies/sequential*",
+        "runs/baselines/random_ss*",
+        "--out",
+        "active",
+        "--until",
+        "400",
+    ),
     "accuracy.csv": ("plot_accuracy.py", STRATEGIES, BASELINES, "--out", "accuracy"),
     "architectures.csv": ("plot_accuracy.py", "runs/architectures", "--out", "architectures"),
     "regret_table.csv": ("table_regret.py", STRATEGIES, BASELINES, "runs/predictors", "--out", "regret_table.csv"),
