@@ -6,12 +6,24 @@ from pathlib import Path
 from omegaconf import OmegaConf
 from safetensors import SafetensorError
 
+from apf.domain import Domain
 from apf.errors import InputError
 from apf.models import Ensemble, pick_device
 from apf.planning import Trained
 from apf.rundir.claim import CONFIG
 from apf.rundir.kept import read_config
 from apf.schema import Config, check_together, settle
+
+SHIPPED = Path(__file__).parent / "shipped"
+"""As much of a few runs as their last ensembles need, which come with the package; made by `analysis/ship.py`."""
+
+
+def shipped_for(domain: Domain) -> Path | None:
+    """The directory of an ensemble that comes with the package, for plans of this domain; None: there is none."""
+    for run in sorted(path.parent for path in SHIPPED.glob(f"*/{CONFIG}")):
+        if type(config_of(run).domain) is type(domain):
+            return run
+    return None
 
 
 def kept_steps(run: Path) -> list[int]:

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from apf.domain import Domain, Predictor
 from apf.errors import InputError
-from apf.trained import load_ensemble
+from apf.trained import load_ensemble, shipped_for
 
 
 def judge_of(
@@ -18,7 +18,7 @@ def judge_of(
     """The predictor that is chosen, or else the ensemble of a run.
 
     Args:
-        run: A run directory.
+        run: A run directory; None: of the ensemble that comes with the package for this domain.
         step: One of its evaluated steps; None: the last.
         predictor: If it is chosen instead of a run.
         domain: Of the plans.
@@ -26,7 +26,7 @@ def judge_of(
         device: Of the ensemble.
 
     Raises:
-        InputError: There is neither, the run keeps no ensemble, or one of the two is for another domain.
+        InputError: There is none, the run keeps no ensemble, or one of the two is for another domain.
     """
     if predictor is not None:
         theirs = predictor.for_domain
@@ -34,8 +34,10 @@ def judge_of(
             name = f"{type(predictor).__name__}, which is for {theirs.__name__}"
             raise InputError(f"predictor is {name}; domain is {type(domain).__name__}")
         return predictor.with_odds(odds)
+    run = run or shipped_for(domain)
     if run is None:
-        raise InputError("run is missing: a finished run's directory; or predictor=analytic, or predictor=simulation")
+        which = f"no ensemble for {type(domain).__name__} comes with apf"
+        raise InputError(f"run is missing: a finished run's directory ({which}); or predictor=analytic or simulation")
     ensemble = load_ensemble(run, step, odds, device)
     if type(ensemble.domain) is not type(domain):
         raise InputError(f"run: {run} is a run of {type(ensemble.domain).__name__}; domain is {type(domain).__name__}")

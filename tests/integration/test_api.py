@@ -151,7 +151,6 @@ class TestQuestions:
             "length: towers of 7 blocks need 7 blocks; objects has 6": {"length": 7},
             "stand is 0.99999; no plan was found": {"stand": 0.99999},
             "planer: there is no such key; did you mean planner": {"overrides": ["planer.start=3"]},
-            "run is missing": {"run": None},
             "nowhere holds no run": {"run": "nowhere"},
         }
         for said, changed in questions.items():

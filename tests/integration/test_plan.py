@@ -7,7 +7,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from apf.commands.judge import judge_of
+from apf.errors import InputError
+from apf.packing import PackingDomain
 from apf.towers import BlockSource, Overhang, TowerDomain, Towers, read_towers, stands, write_blocks
+from apf.trained import SHIPPED
 from integration.command_line import call
 
 pytestmark = pytest.mark.usefixtures("no_figures")
@@ -84,7 +88,6 @@ def test_a_least_chance(mine: Path, tiny_run: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("task=overhang",), ("run is missing", "predictor=analytic")),
         (("run=run",), ("task is tallest, overhang, unsupported", "task=NAME")),
         (("task=overhang", "run=run"), ("run holds no run",)),
         (("task=overhang", "predictor=analytic", "length=7"), ("length", "7 blocks", "objects has 6")),
@@ -120,3 +123,20 @@ def test_as_a_person_types_it(mine: Path) -> None:
     result = spawn(command, cwd=mine.parent).must_work()
     assert result.err == ""
     assert result.out.startswith("tallest ")
+
+
+def test_without_a_run_the_ensemble_that_comes_with_apf_is_asked(mine: Path) -> None:
+    """It is small, the table of how good it is lies beside it, and the tower that it finds stands."""
+    result = call("objects=mine.csv", "task=tallest", "length=4", "stand=0.5", command="apf.plan").must_work()
+    assert "standard deviation of the members" in result.out
+    assert stands(towers_of(mine.with_name("plan.csv"))).tolist() == [True]
+    (folder,) = SHIPPED.iterdir()
+    assert sum(path.stat().st_size for path in folder.rglob("*.*")) < 1_000_000
+    quality = pd.read_csv(folder / "quality.csv").set_index(["quantity", "of"])["value"]
+    assert quality["mean regret", "tallest, noisy"] < 0.1
+    assert quality["auc", "5 placements"] > 0.98
+
+
+def test_of_a_domain_without_one_a_run_must_be_given() -> None:
+    with pytest.raises(InputError, match=r"run is missing.* no ensemble for PackingDomain"):
+        judge_of(None, None, None, PackingDomain())

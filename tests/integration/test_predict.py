@@ -119,7 +119,6 @@ def test_a_run_that_cannot_be_asked(
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ((), ("run is missing", "predictor=analytic")),
         (("run=nowhere",), ("nowhere holds no run",)),
         (("predictor=analytic", "plans=none.csv"), ("none.csv", "no such file")),
         (("predictor=analytic", "out=chances.txt"), ("chances.txt", ".csv or .parquet")),
