@@ -25,6 +25,8 @@ from apf.source import version_line
 GROUP_BY = "sampler"
 """Key of a W&B run's config: runs that agree in it are one line."""
 TITLE = "Active learning of abstract plan feasibility"
+MEASURED = {"accuracy": "Accuracy", "auc": "AUC", "nll": "Negative log-likelihood", "ece": "Calibration error"}
+"""The measures of predictions, and what they are called."""
 SOMEBODY = "your-entity"
 """Stands for the entity of whoever is logged in, where W&B is not asked."""
 
@@ -43,7 +45,10 @@ def sections(config: DictConfig) -> list[Section]:
     return [
         Section("Median regret", tuple(f"regret/{pair}" for pair in pairs)),
         Section("Share of chosen plans that succeed", tuple(f"success/{pair}" for pair in pairs)),
-        Section("Accuracy by length", tuple(f"accuracy/{length}" for length in config.evaluation.lengths)),
+        *(
+            Section(f"{title} by length", tuple(f"{name}/{length}" for length in config.evaluation.lengths))
+            for name, title in MEASURED.items()
+        ),
         Section("Learning", ("loss/train", "data/feasible_share", "score/mean")),
     ]
 

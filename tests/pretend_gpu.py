@@ -220,7 +220,8 @@ def pretend_gpu() -> Iterator[PretendGPU]:
         patch.setattr(torch.cuda, "CUDAGraph", PretendGraph)
         patch.setattr(torch.cuda, "graph", _recording)
         patch.setattr(torch.cuda, "graph_pool_handle", lambda: (0, 0))
-        patch.setattr(torch.cuda, "get_device_properties", lambda device: SimpleNamespace(total_memory=2**33))
+        properties = SimpleNamespace(total_memory=2**33, name="Pretended GPU")
+        patch.setattr(torch.cuda, "get_device_properties", lambda device: properties)
         patch.setattr(torch.autograd, "grad", lambda y, *a, **k: _mark(gradients(y, *a, **k), on_gpu(y)))
         patch.setattr(
             torch.optim.Optimizer,

@@ -35,8 +35,8 @@ CHOICES = [
 SETS = ("apf.packing.sources.BoxSource", "apf.towers.sources.BlockSource")
 ON_PURPOSE = {(name, key) for name in SETS for key in ("seed", "prefix")}
 """Training and evaluation have different sets."""
-OF_A_CLASS = {("apf.panda.world.PandaWorld", "initial")}
-"""Null in code; the config names a class. It is no plain value, so it is not compared."""
+OF_A_CLASS = {("apf.panda.world.PandaWorld", "initial"), ("apf.acquisition.sampler.Sampler", "batch")}
+"""Null in code; a config names a class. It is no plain value, so it is not compared."""
 ANYBODYS = {"WANDB_PROJECT", "WANDB_ENTITY", "MLFLOW_TRACKING_URI", "MLFLOW_EXPERIMENT_NAME"}
 """Variables of the environment that configs read."""
 

@@ -8,8 +8,20 @@ import numpy as np
 import pytest
 from hydra.utils import instantiate
 from omegaconf import OmegaConf
+from pydantic import ValidationError
 
-from apf.acquisition import DiverseBatch, ExpectedBald, Lengths, PrefixSearch, RandomPlans, Scorer, bald, expected_bald
+from apf.acquisition import (
+    DiverseBatch,
+    ExpectedBald,
+    Lengths,
+    PrefixSearch,
+    Random,
+    RandomPlans,
+    Sampler,
+    Scorer,
+    bald,
+    expected_bald,
+)
 from apf.acquisition.batch import most_informative, outcomes
 from apf.config.values import config_dir
 from apf.domain import Kind
@@ -107,7 +119,7 @@ def test_prefixes_that_will_hardly_stand_are_not_extended():
 
 def test_as_many_as_wanted_even_of_fewer_candidates(domain, fake_ensemble):
     cfg = OmegaConf.load(Path(config_dir()) / "sampler" / "search.yaml")
-    cfg.candidates.of.n = 3
+    cfg.candidates.n = 3
     sampler = instantiate(cfg, _convert_="all")
     model = fake_ensemble(Kind.SUBSEQUENCE)
     found, again = (sampler.propose(model, domain, [], 7, rng()) for _ in range(2))
@@ -154,7 +166,9 @@ class TestBatch:
     def test_it_chooses_from_the_best_plans_alone(self):
         wide = PrefixSearch(n=1000, longest=LONGEST, beam=1000, feasible=0.0)
         best = {plan for plan, _ in found_by(wide, 12)}
-        batch = found_by(DiverseBatch(of=wide, pool=12), 4)
+        found = wide.best(12, scorer(), Counting(), [], rng())
+        chosen = DiverseBatch(pool=12).choose(4, found, Table(0), rng())
+        batch = [(tuple(scored.plan.digits[0].tolist()), scored.score) for scored in chosen]
         assert len(batch) == 4
         assert {plan for plan, _ in batch} <= best
         scores = every_plan()
@@ -164,3 +178,14 @@ class TestBatch:
 def test_expected_bald_of_numerals_is_what_the_formula_says():
     plans = Numerals(np.array([[0, 1, 2]]))
     assert scorer()(plans) == pytest.approx(expected_bald(Table(0).predict(plans)))
+
+
+def test_a_diverse_batch_needs_a_model_to_ask() -> None:
+    with pytest.raises(ValidationError, match="batch needs a model, which score Random does not ask"):
+        Sampler(
+            kind=Kind.SUBSEQUENCE,
+            initial=Lengths(min=2, max=2),
+            candidates=RandomPlans(n=10, lengths=Lengths(min=2, max=3)),
+            score=Random(),
+            batch=DiverseBatch(pool=5),
+        )

@@ -9,33 +9,30 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from apf.acquisition.candidates import Candidates
-from apf.acquisition.scores import Scorer
-from apf.domain import Domain, Labelled, Scored
+from apf.acquisition.scores import Model
+from apf.domain import Scored
 from apf.settings import Many, settings
 
 
 @settings
-class DiverseBatch(Candidates):
-    """Of the best plans that other candidates offer, those whose outcomes together tell most about the model."""
+class DiverseBatch:
+    """Of the best plans that were found, those whose outcomes together tell most about the model."""
 
-    of: Candidates
     pool: Many
     """The best plans, of which the batch is chosen."""
     samples: Many = 1000
     """Joint outcomes of the plans chosen so far, drawn from the members' predictions, that information is a mean of."""
 
-    @property
-    def max_length(self) -> int:
-        """As `Candidates.max_length`."""
-        return self.of.max_length
+    def choose(self, n: int, found: Sequence[Scored], model: Model, rng: np.random.Generator) -> list[Scored]:
+        """The plans of the batch, in the order in which they join it.
 
-    def best(
-        self, n: int, score: Scorer, domain: Domain, data: Sequence[Labelled], rng: np.random.Generator
-    ) -> list[Scored]:
-        """As `Candidates.best`, in the order in which plans join the batch."""
-        found = self.of.best(max(n, self.pool), score, domain, data, rng)
-        chances = [outcomes(np.asarray(score.model.predict(each.plan))) for each in found]
+        Args:
+            n: How many plans.
+            found: The pool.
+            model: Says what each member predicts of plans.
+            rng: The source of all draws.
+        """
+        chances = [outcomes(np.asarray(model.predict(each.plan))) for each in found]
         longest = max(chance.shape[-1] for chance in chances)
         padded = [np.pad(chance, ((0, 0), (0, 0), (0, longest - chance.shape[-1]))) for chance in chances]
         return [found[row] for row in most_informative(n, np.concatenate(padded, 1), self.samples, rng)]

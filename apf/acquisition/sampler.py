@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from pydantic import model_validator
 
+from apf.acquisition.batch import DiverseBatch
 from apf.acquisition.candidates import Candidates, Lengths
 from apf.acquisition.scores import ExpectedBald, Model, Score, Scorer
 from apf.domain import Domain, Kind, Labelled, Scored
@@ -13,7 +14,7 @@ from apf.settings import settings
 
 @settings
 class Sampler:
-    """One of the paper's strategies, or anybody's: the three choices that make it up."""
+    """One of the paper's strategies, or anybody's: the choices that make it up."""
 
     kind: Kind
     """What is labelled and learned: `complete` plans (Theta_comp) or every `subsequence` (Theta_ss)."""
@@ -21,11 +22,15 @@ class Sampler:
     """The random plans that it starts from, before there is a model to ask."""
     candidates: Candidates
     score: Score
+    batch: DiverseBatch | None = None
+    """How the plans to try are chosen of the best that were found; None: the very best."""
 
     @model_validator(mode="after")
     def _fits_kind(self) -> "Sampler":
         if isinstance(self.score, ExpectedBald) and self.kind is Kind.COMPLETE:
             raise ValueError("score ExpectedBald needs kind=subsequence: a complete model knows no prefixes")
+        if self.batch and not self.score.asks_model:
+            raise ValueError(f"batch needs a model, which score {type(self.score).__name__} does not ask")
         return self
 
     @property
@@ -47,7 +52,7 @@ class Sampler:
     def propose(
         self, model: Model, domain: Domain, data: Sequence[Labelled], n: int, rng: np.random.Generator
     ) -> list[Scored]:
-        """The most informative plans found, best first.
+        """The most informative plans found, best first; those of a diverse batch in the order in which they join it.
 
         Args:
             model: Says what each member predicts of plans.
@@ -56,4 +61,6 @@ class Sampler:
             n: How many plans.
             rng: The source of all draws.
         """
-        return self.candidates.best(n, Scorer(self.score, model, rng), domain, data, rng)
+        pool = max(n, self.batch.pool) if self.batch else n
+        found = self.candidates.best(pool, Scorer(self.score, model, rng), domain, data, rng)
+        return self.batch.choose(n, found, model, rng) if self.batch else found

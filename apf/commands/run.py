@@ -1,5 +1,6 @@
 """What `python -m apf.main` does: check, run, report."""
 
+import contextlib
 import functools
 import sys
 import tempfile
@@ -137,8 +138,8 @@ def run(directory: Path, plain_config: dict[str, Any], config: Config, model: En
         if table is not None:
             write_table(table, directory / WORLD_TABLE)
         save_figures(directory)
-        with tempfile.TemporaryDirectory(prefix="apf-") as folder:
-            tracker.keep(run_files(directory, config, Path(folder)))
+        with contextlib.ExitStack() as stack:
+            tracker.keep(run_files(directory, config, stack))
         finish(directory, store.journal)
         failed = False
     except BaseException as error:
@@ -152,17 +153,18 @@ def run(directory: Path, plain_config: dict[str, Any], config: Config, model: En
     print_summary(directory, console.console)
 
 
-def run_files(directory: Path, config: Config, folder: Path) -> RunFiles:
+def run_files(directory: Path, config: Config, stack: contextlib.ExitStack) -> RunFiles:
     """What a run leaves behind, for trackers.
 
     Args:
         directory: Of the run, its tables written.
         config: Of the run.
-        folder: Gets pictures, if a tracker shows them.
+        stack: Removes the folder of the pictures, which is made if a tracker shows them.
     """
 
     @functools.cache
     def pictures() -> Mapping[str, Path]:
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="apf-")))
         return {**plan_pictures(directory, config.domain, folder), **curves(directory)}
 
     tables = [path for name in (*TABLES, WORLD_TABLE) if (path := directory / name).exists()]

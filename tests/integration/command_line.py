@@ -13,6 +13,11 @@ from importlib import import_module
 from pathlib import Path
 from unittest import mock
 
+import apf.commands.label  # what commands import when there is work is there before a test traps imports
+import apf.commands.plan
+import apf.commands.predict
+import apf.commands.relabel
+import apf.commands.run
 import apf.evaluate
 import apf.main
 import apf.relabel
@@ -24,7 +29,8 @@ ANALYSIS = REPOSITORY / "analysis"
 
 def started(name: str) -> Callable[[], None]:
     """The command in a file that nobody imports: after an import, it would hide the function of `apf` of that name."""
-    return lambda: runpy.run_module(name, run_name="started")["main"]()
+    main: Callable[[], None] = runpy.run_module(name, run_name="started")["main"]
+    return main
 
 
 MAINS = {

@@ -18,7 +18,7 @@ from integration.command_line import TINY, options
 
 PRESETS = ["smoke"]
 MODELS = ["fcgn", "lstm", "tgn", "tgn_contact"]
-SAMPLERS = ["complete", "greedy", "incremental", "random_comp", "random_ss", "sequential"]
+SAMPLERS = ["complete", "greedy", "incremental", "random_comp", "random_ss", "search", "sequential"]
 WORLDS = ["analytic", "noisy"]
 
 

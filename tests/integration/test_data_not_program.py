@@ -13,6 +13,7 @@ import pytest
 import yaml
 from hydra.core.plugins import Plugins
 
+import apf.commands.run
 from integration.command_line import TINY, call, spawn
 from integration.test_plugin import CODE
 
@@ -75,12 +76,20 @@ def must_be_refused(run: Path, *words: str) -> None:
     assert {path: path.read_bytes() for path in before} == before
 
 
-@pytest.fixture
-def calls(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """Notes what these tests' configs would have called, had it been called."""
+@pytest.fixture(scope="module")
+def imported(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """What runs import late is there: without exec, nothing can be imported."""
     with contextlib.suppress(ImportError):
-        import_module("apf.panda.show")  # later, without exec, nothing could be imported
+        import_module("apf.panda.show")
     Plugins.instance()  # Hydra imports these when it is first used
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(apf.commands.run, "save_figures", lambda directory: None)
+        call(*TINY, f"hydra.run.dir={tmp_path_factory.mktemp('imported')}").must_work()
+
+
+@pytest.fixture
+def calls(imported: None, monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Notes what these tests' configs would have called, had it been called."""
     called: list[str] = []
 
     def noting(name: str) -> Callable[..., None]:
