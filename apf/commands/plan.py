@@ -49,9 +49,9 @@ class PlanConfig:
 class Found:
     """N plans that were found for a task, from the best on, and what is predicted of them.
 
-    task: Its name. unit: Of the values. choices: The plans, each with its value and its chance. chances: [N, K] of each
-    prefix. deviations: [N, K] standard deviation over the members of an ensemble, NaN if there are none. domain: Of the
-    plans.
+    task: Its name. unit: Of the values. choices: The plans, each with its value and the chance that it was chosen for.
+    chances: [N, K] of each prefix, means over the members of an ensemble. deviations: [N, K] standard deviation over
+    these members, NaN if there are none. domain: Of the plans.
     """
 
     task: str
@@ -86,7 +86,7 @@ class Found:
     def title(self, number: int) -> str:
         """What is said of a plan: task, value and chance."""
         choice = self.choices[number]
-        return f"{self.task} {choice.value:.3g} {self.unit}, chance {choice.chance:.2f}"
+        return f"{self.task} {choice.value:.3g} {self.unit}, chance {self.chances[number, -1]:.2f}"
 
     def save_pictures(self, path: Path) -> list[Path]:
         """Write a picture of each plan; of several, their numbers are added to the name of the file.
@@ -149,9 +149,10 @@ def find(config: PlanConfig) -> Found:
     except InputError as error:
         raise InputError(f"stand is {least:g}; {error}: ask for less, or for fewer placements (length)") from None
     plans = domain.concatenate([choice.plan for choice in choices])
-    judge = planner.judge(predictor)
+    judge = planner.judge(predictor).with_pessimism(None)
     chances = judge.prefix_feasibility(plans, stream(config.seed, "chances"))
-    chances[:, -1] = [choice.chance for choice in choices]
+    if judge.random:  # which says something else each time
+        chances[:, -1] = [choice.chance for choice in choices]
     return Found(name, task.unit, choices, chances, judge.prefix_deviation(plans), domain)
 
 

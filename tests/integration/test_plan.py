@@ -138,5 +138,5 @@ def test_without_a_run_the_ensemble_that_comes_with_apf_is_asked(mine: Path) -> 
 
 
 def test_of_a_domain_without_one_a_run_must_be_given() -> None:
-    with pytest.raises(InputError, match=r"run is missing.* no ensemble for PackingDomain"):
+    with pytest.raises(InputError, match=r"run is missing.*no ensemble for PackingDomain"):
         judge_of(None, None, None, PackingDomain())
