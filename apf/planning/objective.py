@@ -75,9 +75,11 @@ def check_objective(objective: Objective, evaluation: EvaluationSettings, tasks:
         tasks: Names of the tasks.
     """
     known = names_of(evaluation, tasks)
+    one_of_each = {name.partition("/")[0]: name for name in reversed(known)}.values()
+    some = f"{', '.join(reversed(one_of_each))}, and their like" if known else "none"
     for name in objective:
         if name not in known:
-            raise InputError(f"objective: there is no metric {shown(name)}; there are: {', '.join(known) or 'none'}")
+            raise InputError(f"objective: there is no metric {shown(name)}; there are: {some}")
 
 
 def optimises(hydra: Any, objective: object) -> bool:

@@ -58,7 +58,7 @@ NO_NUMBERS = set(VALUES) - {"zero", "one", "negative", "fraction"}
 NO_SWITCHES = set(VALUES) - {"true"}
 NO_LISTS = set(VALUES) - {"empty list", "list"}
 """What no key that is a list of numbers may be."""
-MAY_BE_NULL = ("world.initial",)
+MAY_BE_NULL = ("world.initial", "sampler.batch", "planner.pessimism")
 WORST = ("text", "true", "null", "mapping", "list of huge numbers", "huge", "no number")
 """Those that tell most, for a quick look."""
 GROUPS = ("sampler", "model", "world", "predictor", "tracker", "planner", "domain", "task")
@@ -81,6 +81,8 @@ def keys(node: Any, prefix: str = "") -> Iterator[str]:
 
 def must_be_refused(key: str, default: Any, kind: str) -> bool:
     """Is that kind of value wrong, whatever the key is for, if this is its default?"""
+    if kind == "null" and key in MAY_BE_NULL:
+        return False
     if isinstance(default, bool):
         return kind in NO_SWITCHES
     if isinstance(default, int | float):
@@ -88,7 +90,7 @@ def must_be_refused(key: str, default: Any, kind: str) -> bool:
     if isinstance(default, list):
         return kind in NO_LISTS
     if isinstance(default, dict):
-        return not isinstance(VALUES[kind], dict | list) and not (kind == "null" and key in MAY_BE_NULL)
+        return not isinstance(VALUES[kind], dict | list)
     return False
 
 
