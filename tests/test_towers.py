@@ -243,7 +243,7 @@ class TestTowerDomain:
         np.testing.assert_array_equal(problem.blocks.dims, domain.evaluation_blocks.dims[rows])
 
     def test_views_are_the_four_sides_each_followed_by_its_mirror_image(self):
-        domain = TowerDomain(mass_scales=0)
+        domain = TowerDomain(mass_scales=0, stretch=False)
         plans = domain.random_plans(3, 4, rng_of(0))
         views = list(domain.views(plans))
         assert len(views) == 8
@@ -267,7 +267,7 @@ class TestTowerDomain:
     def test_masses_are_scaled_alike_from_the_lightest_to_the_heaviest_of_the_set(self, domain, seed, length):
         plans = domain.random_plans(length, 3, rng_of(seed))
         lightest, heaviest = domain.training_blocks.mass.min(), domain.training_blocks.mass.max()
-        plain, scaled = (list(TowerDomain(mirror=False, mass_scales=n).views(plans)) for n in (0, 3))
+        plain, scaled = (list(TowerDomain(mirror=False, mass_scales=n, stretch=False).views(plans)) for n in (0, 3))
         assert len(scaled) == 3 * len(plain)
         masses = np.array([view[..., 0] / 2 + 0.55 for view in scaled[:3]])
         np.testing.assert_allclose(masses[0].min(1), lightest, rtol=1e-5)
