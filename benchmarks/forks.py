@@ -15,6 +15,7 @@ from typing import Any
 import matplotlib.pyplot  # noqa: F401  imported when a run draws, and here once for all
 import seaborn  # noqa: F401
 
+import apf.commands.run
 import apf.main
 from apf.experiment import Experiment
 from apf.rundir.store import Store
@@ -142,5 +143,5 @@ def _tell(pipe: int) -> None:
     for method, phase in zip(("choose", "execute", "learn", "evaluate"), PHASES[1:5], strict=True):
         say(Experiment, method, phase)
     say(Store, "export", PHASES[5])
-    say(apf.main, "save_figures", PHASES[6])
+    say(apf.commands.run, "save_figures", PHASES[6])
     say(Store, "record", after=LABEL)
