@@ -64,10 +64,12 @@ def test_version_of_every_command(command: str) -> None:
     assert call("--version", command=command).must_work().out == version_line() + "\n"
 
 
-def test_hydras_page_is_printed_where_more_is_asked() -> None:
+def test_hydras_page_is_printed_where_more_is_asked(tmp_path: Path) -> None:
     """Our page has what Hydra's has, and the sweeps."""
-    ours, hydras = (call(*arguments).must_work().out for arguments in (("--help",), ("--help", "seed=1")))
+    asked = (["--help"], ["--help", "seed=1"])
+    ours, hydras = (spawn(["-m", "apf.main", *words], tmp_path).must_work().out for words in asked)
     differing = [(a, b) for a, b in zip(ours.splitlines(), hydras.splitlines(), strict=True) if a != b]
+    assert len(differing) == 1, differing
     ((mine, theirs),) = differing
     assert theirs == "experiment: smoke"
     assert set(mine.replace(",", "").split()) > {"experiment:", "smoke", "strategies"}
