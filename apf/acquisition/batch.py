@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from apf.acquisition.scores import Model
+from apf.acquisition.scores import Model, predicted
 from apf.domain import Scored
 from apf.settings import Many, settings
 
@@ -32,7 +32,7 @@ class DiverseBatch:
             model: Says what each member predicts of plans.
             rng: The source of all draws.
         """
-        chances = [outcomes(np.asarray(model.predict(each.plan))) for each in found]
+        chances = [outcomes(predicted(model, each.plan)) for each in found]
         longest = max(chance.shape[-1] for chance in chances)
         padded = [np.pad(chance, ((0, 0), (0, 0), (0, longest - chance.shape[-1]))) for chance in chances]
         return [found[row] for row in most_informative(n, np.concatenate(padded, 1), self.samples, rng)]

@@ -76,6 +76,12 @@ class Scorer:
         return self.score(self.model, plans, self.rng)
 
 
+def predicted(model: Model, plans: Any) -> np.ndarray:
+    """[E, N, P] what each member predicts, in the memory of the CPU; see `apf.models.Ensemble.predict`."""
+    p = model.predict(plans)
+    return p.numpy(force=True) if isinstance(p, Tensor) else p
+
+
 def _in_chunks(score: Callable[[Tensor | np.ndarray], np.ndarray], model: Model, plans: Any) -> np.ndarray:
     """[N] the score of what the members predict."""
     starts = range(0, max(len(plans), 1), CHUNK)

@@ -7,7 +7,7 @@ import numpy as np
 from pydantic import Field
 
 from apf.acquisition.candidates import Candidates, best_of
-from apf.acquisition.scores import Model, Scorer
+from apf.acquisition.scores import Model, Scorer, predicted
 from apf.domain import Domain, Labelled, Scored
 from apf.settings import Length, Many, Number, settings
 
@@ -54,4 +54,4 @@ class PrefixSearch(Candidates):
 
 def chances(model: Model, plans: Any) -> np.ndarray:
     """[N] predicted chance of each plan: the mean over members for each output, then their product, eq. (theta-ss)."""
-    return np.asarray(model.predict(plans).mean(0).prod(-1))
+    return predicted(model, plans).mean(0).prod(-1)

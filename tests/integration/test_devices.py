@@ -16,9 +16,11 @@ def tables(run: Path) -> dict[str, pd.DataFrame]:
     return {name: pd.read_parquet(run / f"{name}.parquet") for name in ("plans", "regret", "accuracy")}
 
 
-@pytest.mark.parametrize("model", ["tgn", "tgn_contact", "fcgn", "lstm"])
-def test_a_run_on_a_gpu_does_what_one_on_a_cpu_does(here: Path, model: str) -> None:
-    command = (*TINY, f"model={model}")
+@pytest.mark.parametrize(
+    "choice", ["model=tgn", "model=tgn_contact", "model=fcgn", "model=lstm", "sampler=search", "planner=search"]
+)
+def test_a_run_on_a_gpu_does_what_one_on_a_cpu_does(here: Path, choice: str) -> None:
+    command = (*TINY, choice)
     with pretend_gpu() as gpu:
         call(*command, "hydra.run.dir=there").must_work()
     assert gpu.moves > 0
