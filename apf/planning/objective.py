@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -79,7 +80,8 @@ def check_objective(objective: Objective, evaluation: EvaluationSettings, tasks:
     some = f"{', '.join(reversed(one_of_each))}, and their like" if known else "none"
     for name in objective:
         if name not in known:
-            raise InputError(f"objective: there is no metric {shown(name)}; there are: {some}")
+            near = "".join(f"; did you mean {match}?" for match in get_close_matches(name, known, n=1))
+            raise InputError(f"objective: there is no metric {shown(name)}{near}; there are: {some}")
 
 
 def optimises(hydra: Any, objective: object) -> bool:
