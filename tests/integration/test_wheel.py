@@ -10,7 +10,6 @@ import pandas as pd
 import pytest
 import yaml
 
-from apf.trained import SHIPPED
 from integration.command_line import CONF, REPOSITORY, TINY, Result, call, spawn
 
 SWEEPS = REPOSITORY / "sweeps"
@@ -53,7 +52,9 @@ def test_the_wheel_holds_the_package_and_every_config(installed: Path) -> None:
     configs |= {f"apf/sweeps/{path.relative_to(SWEEPS)}" for path in SWEEPS.rglob("*.yaml")}
     packages = [REPOSITORY / name for name in ("apf", "analysis", "hydra_plugins")]
     code = {str(path.relative_to(REPOSITORY)) for package in packages for path in package.rglob("*.py")}
-    shipped = {str(path.relative_to(REPOSITORY)) for path in SHIPPED.rglob("*") if path.is_file()}
+    shipped = {
+        str(path.relative_to(REPOSITORY)) for path in (REPOSITORY / "apf" / "shipped").rglob("*") if path.is_file()
+    }
     assert names == configs | code | shipped | {"apf/py.typed"}
 
 
