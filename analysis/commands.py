@@ -3,11 +3,15 @@
 import argparse
 import contextlib
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from apf.errors import InputError
 from apf.report.runs import Run, find_runs
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 def parser_of(doc: str | None) -> argparse.ArgumentParser:
@@ -34,3 +38,23 @@ def one_line_errors() -> Iterator[None]:
         sys.exit(f"error: {error}")
     except OSError as error:
         sys.exit(f"error: {error.filename}: {error.strerror}")
+
+
+def draw_each(arguments: argparse.Namespace, name: str, figure_of: Callable[[Run], "Figure"], dpi: int) -> None:
+    """Write a figure of each run on the command line, and print where.
+
+    Args:
+        arguments: Its `directories`, and `out`, the file of a single figure.
+        name: Of a figure without `out`, in the run's folder of figures.
+        figure_of: Draws a run.
+        dpi: Of the picture.
+    """
+    with one_line_errors():
+        runs = finished_runs(arguments.directories)
+        if arguments.out and len(runs) > 1:
+            raise InputError(f"--out names one file, and there are {len(runs)} runs")
+        for run in runs:
+            path = arguments.out or run.directory / "figures" / name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            figure_of(run).savefig(path, dpi=dpi)
+            print(path)

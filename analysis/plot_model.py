@@ -20,7 +20,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 
 from analysis.beliefs import belief, draw_beliefs
-from analysis.commands import finished_runs, one_line_errors, parser_of
+from analysis.commands import draw_each, parser_of
 from apf.errors import InputError
 from apf.planning import Evaluator
 from apf.planning.learned import Learned
@@ -219,15 +219,7 @@ def main() -> None:
     parser.add_argument("--step", type=int, help="an evaluated step, whose ensemble is asked; the last by default")
     parser.add_argument("--out", type=Path, help="file of the figure; by default figures/model.png in the run")
     arguments = parser.parse_args()
-    with one_line_errors():
-        runs = finished_runs(arguments.directories)
-        if arguments.out and len(runs) > 1:
-            raise InputError(f"--out names one file, and there are {len(runs)} runs")
-        for run in runs:
-            path = arguments.out or run.directory / "figures" / "model.png"
-            path.parent.mkdir(parents=True, exist_ok=True)
-            model_figure(run, arguments.step).savefig(path, dpi=200)
-            print(path)
+    draw_each(arguments, "model.png", lambda run: model_figure(run, arguments.step), dpi=200)
 
 
 if __name__ == "__main__":

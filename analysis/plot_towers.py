@@ -13,7 +13,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from analysis.commands import finished_runs, one_line_errors, parser_of
+from analysis.commands import draw_each, parser_of
 from apf.errors import InputError
 from apf.report.runs import Run
 from apf.towers import Towers, read_towers
@@ -85,15 +85,7 @@ def main() -> None:
     parser.add_argument("--number", type=int, default=10, help="towers of each task, at most")
     parser.add_argument("--out", type=Path, help="file of the picture; by default figures/towers.png in the run")
     arguments = parser.parse_args()
-    with one_line_errors():
-        runs = finished_runs(arguments.directories)
-        if arguments.out and len(runs) > 1:
-            raise InputError(f"--out names one file, and there are {len(runs)} runs")
-        for run in runs:
-            path = arguments.out or run.directory / "figures" / "towers.png"
-            path.parent.mkdir(parents=True, exist_ok=True)
-            gallery(run, arguments.world, arguments.number).savefig(path, dpi=150)
-            print(path)
+    draw_each(arguments, "towers.png", lambda run: gallery(run, arguments.world, arguments.number), dpi=150)
 
 
 if __name__ == "__main__":

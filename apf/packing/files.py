@@ -90,7 +90,10 @@ def read_packings(path: str | Path, cell: Cell, boxes: BoxSet | None = None) -> 
     table = read_table(path, ["position", *(SIDE_COLUMNS if boxes is None else []), "x", "y"], names, UNITS)
     if not len(table):
         raise InputError(f"{path}: no packings; it needs at least one row below the header")
-    boxes, of_row = (_boxes_of(table), table.names["box"].codes) if boxes is None else (boxes, _numbered(table, boxes))
+    if boxes is None:
+        boxes, of_row = _boxes_of(table), table.names["box"].codes
+    else:
+        of_row = table.numbered("box", boxes.name)
     orientation = _orientations(table)
     xy = table.stack(["x", "y"])
     outside = (np.abs(xy) > cell.container.half).any(1)
@@ -155,16 +158,6 @@ def _boxes_of(table: Table) -> BoxSet:
         row = int(np.argmax(differs))
         raise table.error(row, f"box {names[named.codes[row]]} has other sides than in an earlier row")
     return boxes
-
-
-def _numbered(table: Table, boxes: BoxSet) -> np.ndarray:
-    """[R]: the number in the set of the box of each row. Raises InputError if the set lacks it."""
-    named, number = table.names["box"], {name: i for i, name in enumerate(boxes.name)}
-    for code, name in enumerate(named.distinct):
-        if str(name) not in number:
-            row = int(np.argmax(named.codes == code))
-            raise table.error(row, f"box {shown(name)} is not among the objects: {shown(', '.join(boxes.name))}")
-    return np.array([number[str(name)] for name in named.distinct])[named.codes]
 
 
 def _orientations(table: Table) -> np.ndarray:

@@ -58,6 +58,23 @@ class Table:
         """[R, columns]: the numbers of several columns."""
         return np.column_stack([self.numbers[column] for column in columns])
 
+    def numbered(self, column: str, known: Sequence[str]) -> np.ndarray:
+        """[R]: for each row, the place of its name among those that are known.
+
+        Args:
+            column: Of names, e.g. of objects.
+            known: Names of all objects.
+
+        Raises:
+            InputError: A name is not among them; names the first such row.
+        """
+        names, number = self.names[column], {name: i for i, name in enumerate(known)}
+        for code, name in enumerate(names.distinct):
+            if str(name) not in number:
+                row = int(np.argmax(names.codes == code))
+                raise self.error(row, f"{column} {shown(name)} is not among the objects: {shown(', '.join(known))}")
+        return np.array([number[str(name)] for name in names.distinct])[names.codes]
+
     def error(self, index: int, what: str) -> InputError:
         """What is wrong with a row, given by its index."""
         return InputError(f"{self.path}, row {self.row(int(index))}: {what}")

@@ -103,7 +103,7 @@ def read_towers(path: str | Path, blocks: BlockSet | None = None) -> list[NamedP
     table = read_table(path, numbers, ["tower", "block"], UNITS)
     if not len(table):
         raise InputError(f"{path}: no towers; it needs at least one row below the header")
-    blocks, block = _blocks_of(table) if blocks is None else (blocks, _numbered(table, blocks))
+    blocks, block = _blocks_of(table) if blocks is None else (blocks, table.numbered("block", blocks.name))
     rotation = _rotations(table)
     xy = table.stack(["x", "y"])
     far = (np.abs(xy) > SIDES[1]).any(1)
@@ -165,16 +165,6 @@ def _blocks_of(table: Table) -> tuple[BlockSet, np.ndarray]:
         row = int(np.argmax(clash))
         raise table.error(row, f"block {names[named.codes[row]]} differs from an earlier row of the same name")
     return blocks, named.codes
-
-
-def _numbered(table: Table, blocks: BlockSet) -> np.ndarray:
-    """[R]: the number in the set of the block of each row. Raises InputError if the set lacks it."""
-    named, number = table.names["block"], {name: i for i, name in enumerate(blocks.name)}
-    for code, name in enumerate(named.distinct):
-        if str(name) not in number:
-            row = int(np.argmax(named.codes == code))
-            raise table.error(row, f"block {shown(name)} is not among the objects: {shown(', '.join(blocks.name))}")
-    return np.array([number[str(name)] for name in named.distinct])[named.codes]
 
 
 def _require_plausible(
