@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from apf.planning import Planner, Problem
 from apf.rng import stream
 from apf.towers import AnalyticWorld, Towers
 from benchmarks import reference as plain
@@ -22,6 +23,9 @@ from benchmarks.learning import acquisition, epoch, plain_members
 from benchmarks.limits import memory_pass, products_with_weights, replay
 from benchmarks.setting import SEED, Setting
 from benchmarks.timing import Case, Target, Timed
+
+SEARCH_RIVAL, SEARCH_PROBLEMS = 10, 5
+"""The search is compared with Monte Carlo of so many times the candidates of one plan, on so many problems."""
 
 MEMORY = "limit: memory bandwidth, each array read or written once"
 
@@ -222,6 +226,68 @@ def plan(setting: Setting) -> Case:
     )
 
 
+def search(setting: Setting) -> Case:
+    """One plan by local search, the mean over three tasks, each alone; against Monte Carlo of many more candidates."""
+    ensemble, domain = setting.trained, setting.default.domain
+    tasks, planner = setting.default.task, setting.planner("search")
+    monte_carlo, n = setting.default.planner, SEARCH_RIVAL * setting.sizes.plan_candidates
+
+    def problem(number: int, n: int) -> Problem:
+        return Problem(domain.problem(5, n, stream(SEED, "problem", number)), stream(SEED, "search", number))
+
+    def choose(by: Planner, number: int, n: int) -> list[float]:
+        """P x V of the plan for each task; the members' own P, which both planners maximise here."""
+        return [
+            next(by.choose([problem(number, n)], {name: task}, ensemble, domain))[name].expected
+            for name, task in tasks.items()
+        ]
+
+    plain_search = setting.planner("search", "planner.pessimism=null")
+    rival = np.array([choose(monte_carlo, number, n) for number in range(SEARCH_PROBLEMS)])
+    found = np.array([choose(plain_search, number, planner.start) for number in range(SEARCH_PROBLEMS)])
+    np.testing.assert_array_less(rival.mean(0), found.mean(0))
+    return Case(
+        f"one plan by search, {planner.start:,} candidates and {planner.generations * planner.children:,} variations",
+        unit="plans",
+        amount=1,
+        ours=Timed(lambda: choose(planner, 0, planner.start), 1 / len(tasks)),
+        reference=[Timed(lambda: choose(monte_carlo, 0, n), 1 / len(tasks))],
+        target=Target(seconds=0.3),
+        note=f"trained TGN, candidates drawn, mean of three tasks; reference: Monte Carlo of {n:,} candidates; the "
+        f"search's mean P x V is higher for each task, over {SEARCH_PROBLEMS} problems: {gains(rival, found)}",
+        repetitions=min(setting.sizes.repetitions, 3),
+    )
+
+
+def gains(rival: np.ndarray, found: np.ndarray) -> str:
+    """By how much the means of P x V [problems, tasks] are higher, in words."""
+    return ", ".join(f"{gain:+.0%}" for gain in found.mean(0) / rival.mean(0) - 1)
+
+
+def searches(setting: Setting) -> Case:
+    """All plans of an evaluation by local search: the tasks of a problem side by side."""
+    ensemble, domain, tasks = setting.trained, setting.default.domain, setting.default.task
+    planner, n = setting.planner("search"), setting.default.evaluation.problems
+
+    def evaluate() -> None:
+        problems = (
+            Problem(domain.problem(5, planner.start, stream(SEED, "problem", i)), stream(SEED, "search", i))
+            for i in range(n)
+        )
+        for _ in planner.choose(problems, tasks, ensemble, domain):
+            pass
+
+    return Case(
+        f"the {n * len(tasks)} plans of an evaluation by search",
+        unit="plans",
+        amount=n * len(tasks),
+        ours=Timed(evaluate),
+        target=Target(seconds=30),
+        note=f"trained TGN, {n} problems, three tasks, candidates drawn; timed once",
+        repetitions=1,
+    )
+
+
 def run(setting: Setting, device: str, target: Target) -> Case:
     """A whole run with the default config, by its command."""
 
@@ -264,10 +330,12 @@ OPERATIONS: dict[str, Callable[[Setting], Case]] = {
     "epoch-lstm": partial(epoch, model="lstm", target=Target(ratio=5)),
     "bald": bald,
     "plan": plan,
+    "search": search,
+    "searches": searches,
     "acquisition": acquisition,
     "run": partial(run, device="cpu", target=Target(seconds=600)),
 }
 """By their short names, in the order of the table."""
 
-ONLY_FULL = ("run",)
+ONLY_FULL = ("searches", "run")
 """Left out of a quick benchmark."""

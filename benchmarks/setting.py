@@ -13,6 +13,7 @@ from apf.config.values import config_dir
 from apf.domain import Labelled, World
 from apf.models import Ensemble
 from apf.models.examples import Examples, examples
+from apf.planning import Planner
 from apf.rng import stream
 from apf.schema import Config, validate
 from apf.towers import TowerDomain, Towers
@@ -105,6 +106,10 @@ class Setting:
     def default(self) -> Config:
         """TGN, sequential sampler, noisy world."""
         return self.config()[1]
+
+    def planner(self, name: str, *overrides: str) -> Planner:
+        """The planner of that name, with its own config."""
+        return self.config(f"planner={name}", *overrides)[1].planner
 
     @cached_property
     def labelled(self) -> list[Labelled]:
