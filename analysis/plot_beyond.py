@@ -11,10 +11,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
 import pandas as pd
 
-from analysis.commands import finished_runs, one_line_errors
+from analysis.commands import check_world, finished_runs, one_line_errors
+from analysis.intervals import over_runs
 from apf.errors import InputError
 from apf.report.figures import Words, plural, save
 from apf.report.names import world_of
@@ -26,8 +26,6 @@ if TYPE_CHECKING:
 
 ALL = "all tasks"
 """In place of a task: the mean over tasks."""
-RESAMPLES = 10_000
-"""Of the runs, for an interval."""
 
 
 def mean_curves(regret: pd.DataFrame, world: str) -> pd.DataFrame:
@@ -48,20 +46,11 @@ def mean_curves(regret: pd.DataFrame, world: str) -> pd.DataFrame:
     rows = []
     for (group, task, plans), part in both.groupby(["group", "task", "plans"], sort=False):
         values = part["regret"].to_numpy()
-        low, high = interval(values)
+        low, high = over_runs(values)
         said = part["feasible"].mean(), part["chance"].mean()
         rows.append((group, task, plans, values.mean(), low, high, values.max(), *said, len(values)))
     columns = ["group", "task", "plans", "mean", "low", "high", "worst", "standing", "chance", "runs"]
     return pd.DataFrame(rows, columns=columns)
-
-
-def interval(values: np.ndarray) -> tuple[float, float]:
-    """The 95 % interval of the mean of these values [N], by bootstrap; NaN for fewer than two."""
-    if len(values) < 2:
-        return np.nan, np.nan
-    means = np.random.default_rng(0).choice(values, (RESAMPLES, len(values))).mean(1)
-    low, high = np.percentile(means, [2.5, 97.5])
-    return float(low), float(high)
 
 
 def plot(curves: pd.DataFrame, words: Words, world: str) -> "Figure":
@@ -126,8 +115,7 @@ def main() -> None:
     arguments = parser.parse_args()
     with one_line_errors():
         runs, regret = gathered([named(text) for text in arguments.groups])
-        if arguments.world not in set(regret["world"]):
-            raise InputError(f"--world {arguments.world}: the runs have {', '.join(sorted(set(regret['world'])))}")
+        check_world(arguments.world, regret)
         curves = mean_curves(regret, arguments.world)
         words = Words.common([run.words for run in runs])
         paths = save(plot(curves, words, arguments.world), curves.round(4), arguments.out)

@@ -101,7 +101,7 @@ def _owner(group: str) -> str:
 
 
 def _varies(values: Sequence[Any]) -> bool:
-    return len({str(value) for value in values}) > 1
+    return len({_show(value) for value in values}) > 1
 
 
 def _varies_within(
@@ -121,4 +121,6 @@ def _show(value: Any) -> str:
     """As one would write it on the command line; a list with + between its values."""
     if isinstance(value, list):
         return "+".join(map(_show, value))
+    if isinstance(value, float) and value.is_integer():
+        value = int(value)  # 40.0 is 40, as another version of the config may have it
     return {"None": "null", "True": "true", "False": "false"}.get(str(value), str(value))
