@@ -1,7 +1,7 @@
 """One experiment of the robot: build a tower, judge each prefix, clear up (Section Perception, planning, execution)."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -52,8 +52,8 @@ class Builder:
     recovery: Recovery
     ask_for_help: Callable[[str, str], None]
     person: Person
-    on_judged: Callable[[], None] | None = None
-    """The builder calls this function after it has judged a placement, e.g. to take a picture."""
+    on_judged: list[Callable[[Built], None]] = field(default_factory=list)
+    """Called after each placement was judged, with what has come of the tower by then, e.g. to take a picture."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -88,10 +88,11 @@ class Builder:
                 outcome = DONE if sure is None else FELL
             before = sure in (BEFORE_NEXT, WHILE_CARRYING)
             labels[i - 1 if before else i] = outcome == DONE
-            if self.on_judged is not None:
-                self.on_judged()
+            built = Built(labels.copy(), STOOD if outcome == DONE else outcome, sure)
+            for call in self.on_judged:
+                call(built)
             if outcome != DONE:
-                return Built(labels, outcome, sure)
+                return built
         return Built(labels, STOOD)
 
     def _place(self, blocks: np.ndarray, goals: np.ndarray, i: int) -> tuple[str, str | None]:

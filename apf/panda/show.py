@@ -12,6 +12,7 @@ from apf.domain import World
 from apf.errors import InputError
 from apf.launch.cli import one_line_errors, run_command
 from apf.panda.film import Camera, filming
+from apf.panda.log import ENDING
 from apf.panda.world import PandaWorld
 from apf.rng import stream
 from apf.settings import CountOrNone, Seed, settings
@@ -25,6 +26,7 @@ class ShowConfig:
     tower: Path
     number: CountOrNone
     out: Path
+    log: Path | None
     seed: Seed
     gui: bool
     world: World
@@ -41,10 +43,11 @@ def job(cfg: DictConfig) -> None:
         raise InputError("world: only the robot can be shown; choose world=panda")
     tower = tower_of(config.tower, config.number)
     world.check_plans(tower)
+    world.log_to(stem_of(config.log))
     builder = world.builder
     with filming(config.out, config.camera) as film:
-        world.simulated.on_step = film
-        builder.on_judged = lambda: film.still(world.simulated)
+        world.simulated.on_step.append(film)
+        builder.on_judged.append(lambda built: film.still(world.simulated))
         outcome = world.attempt(tower, stream(config.seed, "show"))
         film.still(world.simulated)
         world.close()
@@ -59,6 +62,13 @@ def tower_of(path: Path, number: int) -> Towers:
     if number not in places:
         raise InputError(f"number={number}: {path} holds {len(places)} towers, counted from 0")
     return places[number]
+
+
+def stem_of(log: Path | None) -> Path | None:
+    """The path of a log without its ending. Raises InputError if that is another one."""
+    if log is not None and log.suffix != ENDING:
+        raise InputError(f"log={log}: the ending must be {ENDING}")
+    return log and log.with_suffix("")
 
 
 def main() -> None:
