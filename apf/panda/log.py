@@ -1,6 +1,6 @@
 """A log of what a robot did: an MCAP file of Foxglove's messages, which Foxglove and Rerun open."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from enum import StrEnum
 from pathlib import Path
 from types import TracebackType
@@ -42,7 +42,7 @@ ROBOT, HAND = "robot", "hand"
 """Frames: where the robot stands, and the point between the fingertips."""
 JOINTS = (*(f"panda_joint{i}" for i in range(1, 8)), "panda_finger_joint1", "panda_finger_joint2")
 """As the Panda's URDF calls them."""
-QUALITY = 90
+QUALITY = 80
 """Of JPEG images, of 100."""
 TABLE = 0.01
 """Thickness of the table as it is drawn [m]."""
@@ -102,7 +102,7 @@ class Log:
             q: [7] joints [rad].
             width: Between the fingers [m].
         """
-        places = [*q.tolist(), width / 2, width / 2]
+        places = _short([*q, width / 2, width / 2])
         states = [JointState(name=name, position=place) for name, place in zip(JOINTS, places)]
         self._write("/joints", seconds, JointStates(timestamp=_time(seconds), joints=states))
         self._transform(seconds, {HAND: (ROBOT, forward(q))})
@@ -188,7 +188,7 @@ class Log:
         """Write poses [4, 4] of frames in their parents, by the names of the frames."""
         transforms = []
         for child, (parent, where) in frames.items():
-            x, y, z, qx, qy, qz, qw = to_vector(where)
+            x, y, z, qx, qy, qz, qw = _short(to_vector(where))
             transforms.append(
                 FrameTransform(
                     timestamp=_time(seconds),
@@ -209,6 +209,11 @@ class Log:
 def _time(seconds: float) -> Timestamp:
     whole, rest = divmod(round(1e9 * seconds), 10**9)
     return Timestamp(seconds=whole, nanos=rest)
+
+
+def _short(values: Sequence[float] | np.ndarray) -> list[float]:
+    """Values with the 24 bits of single precision: the zeros that follow take no room once they are compressed."""
+    return np.asarray(values, np.float32).tolist()
 
 
 def _cube(size: Any, colour: tuple[float, ...], where: np.ndarray | None = None) -> CubePrimitive:

@@ -150,7 +150,7 @@ def test_all_images_are_there(logged: tuple[Outcome, list[np.ndarray], Path]) ->
     kept = [each for name in ("left", "right", "wrist") for each in messages[f"/cameras/{name}/image"]]
     assert len(kept) == len(logged[1])
     first = cv2.imdecode(np.frombuffer(messages["/cameras/left/image"][0][1].data, np.uint8), cv2.IMREAD_GRAYSCALE)
-    assert np.abs(first.astype(int) - logged[1][0]).mean() < 3, "but for JPEG's losses"
+    assert np.abs(first.astype(int) - logged[1][0]).mean() < 4, "but for JPEG's losses"
     calibration = messages["/cameras/wrist/calibration"][0][1]
     assert (calibration.width, calibration.height, calibration.K[0], calibration.frame_id) == (640, 480, 450, "wrist")
 
@@ -197,7 +197,7 @@ def test_motion_alone_is_small(logging_motion: PandaWorld, falling: Towers, tmp_
     attempted(logging_motion, falling, path.with_suffix(""))
     assert "/joints" in read(path)
     assert not [topic for topic in read(path) if topic.endswith("/image")]
-    assert path.stat().st_size < 150_000
+    assert path.stat().st_size < 100_000
 
 
 def test_a_log_ends_with_what_stopped_the_run(
