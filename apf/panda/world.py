@@ -149,7 +149,9 @@ class PandaWorld(World):
             belief = Belief(self.layout, self.cameras.wrist)
             planner = Planner(belief, self.gripper, self.reach, self.motion, self.search, self.sight.overlap)
             robot = Robot(
-                reality, belief, planner, cameras, self.sight, self.handling, self.arm, witness=reality.pose_of
+                *(reality, belief, planner, cameras, self.sight, self.handling, self.arm),
+                witness=reality.pose_of,
+                say=_say,
             )
             builder = Builder(robot, self.judging, self.recovery, self._ask_for_help, person=reality)
             self._open.append((builder, reality))
@@ -175,6 +177,10 @@ class PandaWorld(World):
             print(f"block {block}: {cause}. Put it home and press Enter.", file=sys.stderr, flush=True)
             if not sys.stdin.readline():
                 raise Stopped(f"the robot needs a person, and nobody is at the terminal: block {block}: {cause}")
+
+
+def _say(line: str) -> None:
+    print(line, file=sys.stderr, flush=True)
 
 
 def _child(rng: np.random.Generator) -> np.random.Generator:
