@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -76,7 +76,7 @@ def picture(reality: Reality, camera: Camera) -> np.ndarray:
     depth = np.reshape(np.asarray(image[3]), (camera.height, camera.width))
     pixels[depth >= 1.0] = BACKGROUND
     if camera.inset:
-        wrist = reality.photographer.cameras[WRIST]
+        wrist = replace(reality.photographer.cameras[WRIST], noise=0.0)  # noise would make films large
         where = state.hand @ wrist.mounting
         pixels = with_inset(pixels, studio.photograph(wrist, where, np.random.default_rng(0)))
     return pixels
