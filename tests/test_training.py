@@ -204,8 +204,8 @@ def test_a_member_that_has_died_is_trained_again_and_the_others_stay_as_they_are
     assert alive.fit(train, [], np.random.default_rng(0)).restarts == 0
     reset, killed = EnsembleNetwork.reset, []
 
-    def deadly(network: EnsembleNetwork, generators: list[torch.Generator]) -> None:
-        reset(network, generators)
+    def deadly(network: EnsembleNetwork, generators: list[torch.Generator], gain: float = 1.0) -> None:
+        reset(network, generators, gain)
         if len(killed) < deaths:
             killed.append(len(generators))
             *_, hidden, _ = (layer for layer in network.modules() if isinstance(layer, EnsembleLinear))

@@ -24,4 +24,5 @@ def passes_of(network: EnsembleNetwork, kernels: bool = True) -> Passes:
         f"{type(part).__module__.split('.')[0]}.{type(part).__qualname__}" for part in network.modules()
     )
     kernel = KERNELS.get(vars(type(network)).get("kernel_of", name))
-    return kernel(network) if kernels and kernel and kernel.parts == tuple(parts) else Passes(network)
+    fits = kernels and kernel and kernel.parts == tuple(parts) and kernel.serves(network)
+    return kernel(network) if kernel and fits else Passes(network)

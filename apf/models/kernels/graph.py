@@ -9,6 +9,7 @@ from torch import Tensor, baddbmm, bmm, cat
 
 from apf.models.kernels.readout import readout_vjp, relu_backward
 from apf.models.kernels.shared import SharedGraph, shared_graph
+from apf.models.layers import EnsembleNetwork
 from apf.models.passes import Backward, Passes
 
 if TYPE_CHECKING:
@@ -49,6 +50,11 @@ class GraphKernel(Passes):
         "torch_geometric.MeanAggregation",
     )
     network: "GraphNetwork"
+
+    @classmethod
+    def serves(cls, network: EnsembleNetwork) -> bool:
+        """As `Passes.serves`: messages must be linear in their last layer."""
+        return not getattr(network, "message_relu", False)
 
     def prepare(self, x: Tensor, last_only: bool = False) -> PreparedGraphs:
         """As `Passes.prepare`."""
