@@ -27,11 +27,6 @@ class Passes:
     parts: tuple[str, ...] = ()
     """Of a kernel: package and name of each class that the network must be made of, in the order of its modules."""
 
-    @classmethod
-    def serves(cls, network: EnsembleNetwork) -> bool:
-        """Does this compute what the network defines, if the network is made of `parts`?"""
-        return True
-
     def __init__(self, network: EnsembleNetwork) -> None:
         self.network = network
         self.parameters = list(network.parameters())
