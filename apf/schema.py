@@ -14,7 +14,7 @@ from apf.config.values import plain, understood
 from apf.domain import Domain, Predictor, Task, World
 from apf.errors import InputError
 from apf.experiment import Acquisition, Execution, Initial
-from apf.models import EnsembleSettings, Training
+from apf.models import EnsembleNetwork, EnsembleSettings, Training
 from apf.planning import EvaluationSettings, Learned, Planner, Trained
 from apf.planning.objective import Objective, check_objective
 from apf.settings import Count, Few, Name, Seed, settings
@@ -115,8 +115,9 @@ def check_together(config: Config) -> None:
 
 def _check_domain(config: Config) -> None:
     """Raises InputError, naming the key, for a part that is for the plans of another domain."""
-    parts: dict[str, Any] = {"world": config.world, "predictor": config.predictor}
-    parts["model"] = getattr(config.model.network, "func", config.model.network)  # the class, to be called later
+    network = getattr(config.model.network, "func", config.model.network)  # the class, to be called later
+    parts: dict[str, Any] = {"world": config.world, "predictor": config.predictor, "model": network}
+    parts["sampler.candidates"] = config.sampler.candidates
     parts |= {f"evaluation.worlds.{name}": world for name, world in config.evaluation.worlds.items()}
     parts |= {f"task.{name}": task for name, task in config.task.items()}
     for key, part in parts.items():
@@ -127,6 +128,8 @@ def _check_domain(config: Config) -> None:
                 f"{key} is {name}, which is for {domain.__name__}; domain is "
                 f"{type(config.domain).__name__}: choose another of the group {key.split('.')[0]}, or another domain"
             )
+    if isinstance(network, type) and issubclass(network, EnsembleNetwork):
+        network.check_features(config.domain)
 
 
 def _check_world(key: str, world: World, domain: Domain, length: int, evaluation: bool = False) -> None:

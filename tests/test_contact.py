@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from apf.domain import Kind, Labelled
+from apf.errors import InputError
 from apf.models import Ensemble, EnsembleSettings, Training
 from apf.models.kernels import passes_of
 from apf.models.kernels.graph import GraphKernel
@@ -146,3 +147,10 @@ def test_it_learns(domain: TowerDomain, kind: Kind, kernels: bool) -> None:
     assert losses[-1] < 0.6 * losses[0]
     plans, feasible = domain.balanced(2, 200, rng)
     assert ((ensemble.feasibility(plans) > 0.5) == feasible).mean() > 0.8
+
+
+@pytest.mark.parametrize("domain", [{"position_of": "below"}, {"position_of": "world"}, {"length_unit": 0.01}])
+def test_it_refuses_features_that_it_cannot_read(domain: dict) -> None:
+    ContactTGN.check_features(TowerDomain())
+    with pytest.raises(InputError, match=r"^model is ContactTGN, which needs domain.position_of=bottom and "):
+        ContactTGN.check_features(TowerDomain(**domain))

@@ -16,6 +16,7 @@ MEMBERS, F, D, H = 3, 10, 3, 8
 NETWORKS = {
     "tgn": TGN,
     "tgn_contact": ContactTGN,
+    "tgn_relu": partial(TGN, message_relu=True),
     "fcgn": FCGN,
     "lstm": partial(LSTMNetwork, layers=3),
 }
@@ -240,3 +241,22 @@ def test_members_do_not_mix() -> None:
         assert parameter.grad is not None
         assert parameter.grad[0].abs().max() == 0
         assert parameter.grad[2].abs().max() == 0
+
+
+def test_a_relu_follows_each_message() -> None:
+    """Of networks with the same weights, messages differ in their negative parts alone."""
+    plain, relu = make("tgn"), make("tgn_relu")
+    x = torch.randn(MEMBERS, 4, 2 * (F - D) + D, generator=torch.Generator().manual_seed(0))
+    with torch.no_grad():
+        torch.testing.assert_close(relu.conv.message_net(x), plain.conv.message_net(x).clamp(min=0))
+
+
+def test_a_network_without_positions_sees_all_features_of_both_placements() -> None:
+    network = TGN(members=MEMBERS, n_features=F, n_position=0, hidden=H)
+    network.reset([torch.Generator().manual_seed(member) for member in range(MEMBERS)])
+    assert network.conv.message_net[0].weight.shape == (MEMBERS, 2 * F, H)
+    assert network.conv.update_net[0].weight.shape == (MEMBERS, H + F, H)
+    x = torch.randn(MEMBERS, 5, 4, F)
+    passes = passes_of(network)
+    assert type(passes) is not Passes
+    torch.testing.assert_close(passes.logits(passes.prepare(x)), network(x))

@@ -407,7 +407,7 @@ class TestSettings:
     def test_wrong_kind_is_refused(self):
         candidates = RandomPlans(n=10, lengths={"min": 2, "max": 5})
         with pytest.raises(ValidationError, match="kind"):
-            Sampler(kind="whole", initial={"min": 2, "max": 2}, candidates=candidates, score=Random())
+            Sampler(kind="both", initial={"min": 2, "max": 2}, candidates=candidates, score=Random())
 
     def test_lengths_share_plans_as_evenly_as_can_be(self, domain):
         drawn = Lengths(min=2, max=5).draw(10, domain, rng_of(0))

@@ -205,8 +205,8 @@ def test_a_member_that_has_died_is_trained_again_and_the_others_stay_as_they_are
     assert alive.fit(train, [], np.random.default_rng(0)).restarts == 0
     reset, killed = EnsembleNetwork.reset, []
 
-    def deadly(network: EnsembleNetwork, generators: list[torch.Generator]) -> None:
-        reset(network, generators)
+    def deadly(network: EnsembleNetwork, generators: list[torch.Generator], gain: float = 1.0) -> None:
+        reset(network, generators, gain)
         if len(killed) < deaths:
             killed.append(len(generators))
             *_, hidden, _ = (layer for layer in network.modules() if isinstance(layer, EnsembleLinear))
@@ -649,3 +649,79 @@ def test_it_learns_which_pairs_of_blocks_stand(network: object) -> None:
     test = labelled(2, 500, 3)
     right = (model.feasibility(test.plans) > 0.5) == (test.labels[:, 1] == 1)
     assert right.mean() > 0.85
+
+
+def test_a_model_of_whole_plans_learns_one_label_and_predicts_each_prefix() -> None:
+    plans = DOMAIN.random_plans(4, 3, np.random.default_rng(0))
+    labels = np.array([[1, 1, 0, -1], [1, 0, -1, -1], [1, 1, 1, 1]], np.int8)
+    (only,) = examples([Labelled(plans, labels)], Kind.WHOLE, DOMAIN)
+    assert only.x.shape == (24, 4, DOMAIN.n_features)
+    assert only.y.tolist() == [[0.0], [0.0], [1.0]] * 8
+    model = ensemble(Kind.WHOLE)
+    model.fit([Labelled(plans, labels)], [], np.random.default_rng(0))
+    assert model.by_prefix
+    assert model.predict(plans).shape == (3, 3, 3)
+    np.testing.assert_allclose(model.feasibility(plans), model.predict(plans).numpy().mean(0).prod(1))
+
+
+def test_epochs_take_as_many_updates_as_there_are_batches_and_end_with_a_check() -> None:
+    training = Training(epochs=3, batch=8)
+    assert training.schedule([(40, 1), (24, 2)]) == (33, 11)  # 40 / 8 + 48 / 8 batches in an epoch
+    assert len(training.rates(33)) == 33
+    assert Training(updates=70).schedule([(40, 1)]) == (70, CHECK)
+    parts = [labelled(2, 20, 1)], [labelled(2, 8, 2)]
+    history = ensemble(epochs=4, batch=40, early_stopping=True).fit(*parts, np.random.default_rng(0))
+    assert history.validation_loss.shape == (4, 3)
+
+
+def test_patience_is_counted_in_updates_where_each_epoch_is_checked(monkeypatch: pytest.MonkeyPatch) -> None:
+    """20 pairs in eight views, 40 in a batch: four updates in an epoch. The lowest loss is that of the second."""
+    fake = iter(torch.tensor([[2.0], [1], [3], [3], [3], [3]]))
+    monkeypatch.setattr(training_module, "validation_loss", lambda passes, groups: next(fake))
+    model = ensemble(members=1, epochs=6, batch=40, early_stopping=True, patience=8, restarts=0)
+    history = model.fit([labelled(2, 20, 1)], [labelled(2, 8, 2)], np.random.default_rng(0))
+    assert history.validation_loss[:, 0].tolist() == [2, 1, 3, 3]
+    assert history.kept.tolist() == [1]
+
+
+def test_the_epoch_of_the_highest_f1_is_kept_the_first_of_equals(monkeypatch: pytest.MonkeyPatch) -> None:
+    fake = iter(torch.tensor([[0.5, 0.0], [0.8, 0.0], [0.8, 0.3], [0.7, 0.2]]))
+    monkeypatch.setattr(training_module, "f1_scores", lambda passes, groups: next(fake))
+    model = ensemble(members=2, epochs=4, batch=40, early_stopping=True, keep="f1", restarts=0)
+    history = model.fit([labelled(2, 20, 1)], [labelled(2, 8, 2)], np.random.default_rng(0))
+    assert history.kept.tolist() == [1, 2]
+    assert np.isfinite(history.validation_loss).all()
+
+
+def test_f1_is_that_of_all_labels_together() -> None:
+    """Member 0: TP 2, FN 1, FP 1 in both groups together. Member 1 predicts no success, so its F1 is 0."""
+
+    class Says(Passes):
+        def __init__(self) -> None:
+            pass
+
+        def prepare(self, x: torch.Tensor, last_only: bool = False) -> Any:
+            return x[0]
+
+        def logits(self, prepared: torch.Tensor) -> torch.Tensor:
+            return torch.stack([prepared[:, 1:, 0], -torch.ones(len(prepared), prepared.shape[1] - 1)])
+
+    pairs = torch.tensor([[0.0, 1.0], [0.0, 2.0], [0.0, -1.0]])[..., None], torch.tensor([[1.0], [0.0], [1.0]])
+    triples = torch.tensor([[0.0, 3.0, -2.0]])[..., None], torch.tensor([[1.0, 0.0]])
+    assert updates_module.f1_scores(Says(), [pairs, triples]).tolist() == pytest.approx([2 * 2 / (2 * 2 + 1 + 1), 0])
+
+
+def test_weights_start_as_large_as_gain_says() -> None:
+    network = TGN(members=2, n_features=10, n_position=3, hidden=64)
+    first = {}
+    for gain in (1.0, 3.0):
+        network.reset([torch.Generator().manual_seed(member) for member in range(2)], gain)
+        first[gain] = network.readout[0].weight.clone()
+    torch.testing.assert_close(3 * first[1.0], first[3.0])
+    assert first[1.0].abs().max() <= 1 / 8  # 1 / sqrt(64), as PyTorch's own
+
+
+def test_a_dead_member_stays_dead_without_restarts() -> None:
+    model = ensemble(gain=1e-3, updates=1, restarts=0)
+    assert model.fit([labelled(2, 20, 1)], [], np.random.default_rng(0)).restarts == 0
+    assert len(model.dead(examples([labelled(2, 20, 1)], Kind.SUBSEQUENCE, DOMAIN))) == 3

@@ -179,7 +179,9 @@ def _is_made_for_apf(module: str) -> bool:
         return False
     distributions = packages_distributions().get(package, [])
     if distributions:
-        return any(REQUIRES_APF.match(text) for name in distributions for text in requires(name) or [])
+        return OURS in distributions or any(
+            REQUIRES_APF.match(text) for name in distributions for text in requires(name) or []
+        )
     return any(MADE_FOR_APF.search(text) for text in _sources(spec))
 
 

@@ -38,14 +38,20 @@ class Domain(ABC):
 
     n_features: ClassVar[int]
     """F: numbers that a network sees of each placement."""
-    n_position: ClassVar[int]
-    """D: how many of them, the last ones, are its position."""
     plan_word: ClassVar[str] = "plan"
     """What a plan is called in tables and figures."""
     object_word: ClassVar[str] = "placement"
     """What its objects are called."""
     object_files: ClassVar[tuple[str, ...]] = ()
     """Names of the files in which a run directory keeps the objects of its plans."""
+
+    @property
+    @abstractmethod
+    def n_position(self) -> int:
+        """D: how many of the features, the last ones, are a position, of which graph networks see differences alone.
+
+        0: there is none; positions, if there are any, are features like others.
+        """
 
     # -- action definitions -------------------------------------------------------------------------------------
 

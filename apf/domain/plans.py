@@ -17,6 +17,8 @@ class Kind(StrEnum):
     """Theta_comp: one probability for the whole plan."""
     SUBSEQUENCE = "subsequence"
     """Theta_ss: one per prefix, given that those before it were feasible; a plan's is their product."""
+    WHOLE = "whole"
+    """Theta_ss, too, but it learns one label from each plan: whether all of it succeeded."""
 
 
 class Plans(Protocol):

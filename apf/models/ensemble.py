@@ -32,9 +32,6 @@ SOME = 256
 FEW = 2048
 """Pairs of placements that all members predict together: to start operations for each takes longer than to compute."""
 
-RESTARTS = 5
-"""How often a dead member is started again at most."""
-
 SPREAD = 0.01
 """A member is dead if its logits of all examples of a length lie in a smaller range than this. Of others: over 5."""
 
@@ -82,7 +79,7 @@ class Ensemble(Predictor):
     ) -> None:
         self.members = settings.members
         self.kind = kind
-        self.by_prefix = kind is Kind.SUBSEQUENCE
+        self.by_prefix = kind is not Kind.COMPLETE
         self.domain = domain
         self.training = training
         self.odds = odds
@@ -103,7 +100,8 @@ class Ensemble(Predictor):
             rng: for initial weights and the order of examples.
 
         A member can die: all its units of a layer are 0 for every plan, so that it says the same of each plan and no
-        gradient reaches its weights. Such a member is trained again from another start.
+        gradient reaches its weights. Such a member is trained again from another start, `training.restarts` times at
+        most.
 
         Returns:
             The losses.
@@ -116,7 +114,7 @@ class Ensemble(Predictor):
         parts = tuple(examples(part, self.kind, self.domain) for part in (train, validation))
         plans = sum(len(group.labels) for group in train)
         history = self._fit(self.passes, parts, plans, rng)
-        for _ in range(RESTARTS):
+        for _ in range(self.training.restarts):
             dead = self.dead(parts[0])
             if not len(dead):
                 break
@@ -152,7 +150,7 @@ class Ensemble(Predictor):
         """Train networks from scratch on training and validation examples, the views of so many plans."""
         members = len(passes.parameters[0])
         *generators, length_generator = (torch_generator(rng) for _ in range(members + 1))
-        passes.network.reset(generators)
+        passes.network.reset(generators, self.training.gain)
         train, validation = parts
         return fit(passes, train, validation, self.training, generators, length_generator, plans)
 
@@ -184,7 +182,7 @@ class Ensemble(Predictor):
         """As `Predictor.prefix_deviation`, with the odds of this ensemble."""
         n, k = len(plans), plans.length
         chances = np.ones((self.members, n, k))
-        if self.kind is Kind.SUBSEQUENCE and k > 1:
+        if self.by_prefix and k > 1:
             p = self._predict(plans, last_only=False, odds=self.odds)
             chances[..., 1:] = p.numpy(force=True).cumprod(-1)
         for length in range(2, k + 1) if self.kind is Kind.COMPLETE else ():

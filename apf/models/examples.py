@@ -26,11 +26,12 @@ def examples(labelled: Sequence[Labelled], kind: Kind, domain: Domain) -> list[E
     """The examples that labelled plans give a model, in all views of the domain.
 
     For Theta_ss a plan is cut after its first failure: every remaining prefix has a label, and prefixes that were never
-    attempted have none. For Theta_comp a plan keeps its length and has one label: whether the whole plan succeeded.
+    attempted have none. For Theta_comp, and for Theta_ss that learns from whole plans, a plan keeps its length and has
+    one label: whether the whole plan succeeded.
 
     Args:
         labelled: groups of labelled plans.
-        kind: Theta_ss or Theta_comp.
+        kind: what the model predicts and learns.
         domain: computes features and views.
 
     Returns:
@@ -39,11 +40,11 @@ def examples(labelled: Sequence[Labelled], kind: Kind, domain: Domain) -> list[E
     parts: dict[int, list[Examples]] = {}
     for group in labelled:
         observed = (group.labels != UNOBSERVED).sum(1)
-        complete = kind is Kind.COMPLETE
-        for length in [group.plans.length] if complete else [n for n in np.unique(observed) if n > 1]:
-            rows = slice(None) if complete else observed == length
+        whole = kind is not Kind.SUBSEQUENCE
+        for length in [group.plans.length] if whole else [n for n in np.unique(observed) if n > 1]:
+            rows = slice(None) if whole else observed == length
             labels = group.labels[rows]
-            y = (labels == 1).all(1)[:, None] if complete else labels[:, 1:length] == 1
+            y = (labels == 1).all(1)[:, None] if whole else labels[:, 1:length] == 1
             plans = group.plans[rows].prefix(length)
             for view in domain.views(plans):
                 parts.setdefault(int(length), []).append(Examples(view, y.astype(np.float32)))

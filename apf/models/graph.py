@@ -5,19 +5,20 @@ from functools import lru_cache
 from typing import ClassVar
 
 import torch
-from pydantic import PositiveInt, validate_call
+from pydantic import NonNegativeInt, PositiveInt, validate_call
 from torch import Tensor, nn
 
 from apf.models.geometric import MeanAggregation, MessagePassing, OptTensor
 from apf.models.layers import EnsembleLinear, EnsembleNetwork
-from apf.settings import Few, Width
+from apf.settings import Few, Switch, Width
 
 
 class PlacementConv(MessagePassing):
     """x_i' = ReLU(W [sum_j m(x_j, x_i, p_j - p_i, e_ij), x_i] + b): messages from placements j to i, and an update.
 
     The message m is a network of three layers. Positions p count as differences only, so a plan is the same
-    wherever it stands. TGN and FCGN have no features e of a pair; a sub-class of `GraphNetwork` may have some.
+    wherever it stands; of a domain that counts them among the other features, D is 0. TGN and FCGN have no features e
+    of a pair; a sub-class of `GraphNetwork` may have some.
 
     Args:
         members: E, the number of members.
@@ -25,9 +26,12 @@ class PlacementConv(MessagePassing):
         n_position: D, the number of coordinates of a position p.
         hidden: H, the width of every layer.
         n_pair: P, the number of features e of a pair of placements.
+        message_relu: does a ReLU follow the last layer of a message, too?
     """
 
-    def __init__(self, members: int, n_own: int, n_position: int, hidden: int, n_pair: int = 0) -> None:
+    def __init__(
+        self, members: int, n_own: int, n_position: int, hidden: int, n_pair: int = 0, message_relu: bool = False
+    ) -> None:
         super().__init__(aggr="sum", node_dim=-3)
         self.message_net = nn.Sequential(
             EnsembleLinear(members, 2 * n_own + n_position + n_pair, hidden),
@@ -35,6 +39,7 @@ class PlacementConv(MessagePassing):
             EnsembleLinear(members, hidden, hidden),
             nn.ReLU(),
             EnsembleLinear(members, hidden, hidden),
+            *([nn.ReLU()] if message_relu else []),
         )
         self.update_net = nn.Sequential(EnsembleLinear(members, hidden + n_own, hidden), nn.ReLU())
 
@@ -109,7 +114,8 @@ def prefix_graph(length: int, both_ways: bool, last_only: bool, device: torch.de
 class GraphNetwork(EnsembleNetwork):
     """One round of messages within each prefix, the mean over its placements, a readout of two layers.
 
-    A sub-class gives messages further prior knowledge by `n_pair` and `pair_features`.
+    A sub-class gives messages further prior knowledge by `n_pair` and `pair_features`. `message_relu` puts a ReLU after
+    the last layer of a message, too.
     """
 
     both_ways: bool
@@ -117,11 +123,20 @@ class GraphNetwork(EnsembleNetwork):
     """P: how many features `pair_features` computes of each pair of placements."""
 
     @validate_call
-    def __init__(self, *, members: Few, n_features: PositiveInt, n_position: PositiveInt, hidden: Width) -> None:
+    def __init__(
+        self,
+        *,
+        members: Few,
+        n_features: PositiveInt,
+        n_position: NonNegativeInt,
+        hidden: Width,
+        message_relu: Switch = False,
+    ) -> None:
         super().__init__()
+        self.message_relu = message_relu
         n_own = n_features - n_position
         self.sizes = [n_own, n_position]
-        self.conv = PlacementConv(members, n_own, n_position, hidden, self.n_pair)
+        self.conv = PlacementConv(members, n_own, n_position, hidden, self.n_pair, message_relu)
         self.pool = MeanAggregation()
         self.readout = nn.Sequential(
             EnsembleLinear(members, hidden, hidden), nn.ReLU(), EnsembleLinear(members, hidden, 1)

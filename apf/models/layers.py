@@ -10,14 +10,14 @@ from torch import Tensor, nn
 from apf.domain import Domain
 
 GAIN = math.sqrt(2)
-"""Weights start so many times as large as in `nn.Linear`. With the range of `nn.Linear`, a member gives the same
-prediction for every plan during its first hundred updates; some members never leave that plateau."""
+"""Weights start so many times as large as in `nn.Linear`, by default. With the range of `nn.Linear`, a member gives the
+same prediction for every plan during its first hundred updates; some members never leave that plateau."""
 
 
 class EnsembleLinear(nn.Module):
     """E independent affine maps, one per member.
 
-    Weights start uniform in +-GAIN/sqrt(fan_in), biases in +-1/sqrt(fan_in).
+    Weights start uniform in +-gain/sqrt(fan_in), biases in +-1/sqrt(fan_in).
 
     Args:
         members: E, the number of maps.
@@ -32,9 +32,15 @@ class EnsembleLinear(nn.Module):
         self.weight = nn.Parameter(torch.empty(members, n_in, n_out))
         self.bias = nn.Parameter(torch.empty(members, 1, n_out))
 
-    def reset(self, member: int, generator: torch.Generator) -> None:
-        """Draw the initial weights of one member from its own generator, on the CPU: every device gets the same."""
-        for stack, bound in ((self.weight, GAIN * self.bound), (self.bias, self.bound)):
+    def reset(self, member: int, generator: torch.Generator, gain: float = GAIN) -> None:
+        """Draw the initial weights of one member, on the CPU: every device gets the same.
+
+        Args:
+            member: number of the member.
+            generator: of this member alone.
+            gain: how large weights start.
+        """
+        for stack, bound in ((self.weight, gain * self.bound), (self.bias, self.bound)):
             part = stack.data[member]
             part.copy_(torch.empty(part.shape).uniform_(-bound, bound, generator=generator))
 
@@ -55,6 +61,10 @@ class EnsembleNetwork(nn.Module):
     kernel_of: ClassVar[str]
     """The network in `apf.models.kernels.KERNELS` whose kernel serves this very class, too, but no sub-class of it: for
     a graph network that differs in its `pair_features` alone."""
+
+    @classmethod
+    def check_features(cls, domain: Domain) -> None:
+        """Raises InputError if this network cannot read the features of such a domain; by default it reads any."""
 
     def forward(self, x: Tensor, last_only: bool = False) -> Tensor:
         """Logits that each prefix of 2..K placements is feasible, given that the prefixes before it were.
@@ -80,9 +90,14 @@ class EnsembleNetwork(nn.Module):
         for parameter, weight in zip(self.parameters(), self.split(vector), strict=True):
             parameter.data = weight
 
-    def reset(self, generators: Sequence[torch.Generator]) -> None:
-        """Draw all initial weights; member e from `generators[e]` alone."""
+    def reset(self, generators: Sequence[torch.Generator], gain: float = GAIN) -> None:
+        """Draw all initial weights.
+
+        Args:
+            generators: [E] one for each member.
+            gain: how large weights start.
+        """
         for layer in self.modules():
             if isinstance(layer, EnsembleLinear):
                 for member, generator in enumerate(generators):
-                    layer.reset(member, generator)
+                    layer.reset(member, generator, gain)

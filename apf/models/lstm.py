@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 import torch
-from pydantic import PositiveInt, validate_call
+from pydantic import NonNegativeInt, PositiveInt, validate_call
 from torch import Tensor, nn
 from torch.nn.functional import pad
 
@@ -55,7 +55,7 @@ class LSTMNetwork(EnsembleNetwork):
         *,
         members: Few,
         n_features: PositiveInt,
-        n_position: PositiveInt,
+        n_position: NonNegativeInt,
         hidden: Width,
         layers: Few,
     ) -> None:

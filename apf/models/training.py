@@ -3,22 +3,23 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import islice
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import torch
 from pydantic import Field
 from torch import Tensor
 
-from apf.models.batches import Group, batches, groups
+from apf.models.batches import Group, batches, batches_of, groups
 from apf.models.examples import Examples
+from apf.models.layers import GAIN
 from apf.models.passes import Passes
 from apf.models.replay import Replayed, Step
-from apf.models.updates import Updates, cross_entropy, validation_loss
-from apf.settings import Count, CountOrNone, Many, Number, settings
+from apf.models.updates import Updates, cross_entropy, f1_scores, validation_loss
+from apf.settings import Count, CountOrNone, Many, Number, Whole, settings
 
 CHECK = 50
-"""Updates from one check of the losses to the next."""
+"""Updates from one check of the losses to the next, unless they are checked after each epoch."""
 
 
 @settings
@@ -41,21 +42,40 @@ class Training:
     batch: Many = 64
     """Approximate number of labels in a batch of one member. All plans of a batch have one length."""
     updates: Count = 1000
+    epochs: Annotated[Whole, Field(ge=1, le=10_000)] | None = None
+    """Train for so many passes over the training examples, and check the losses after each; None: for `updates`."""
     averaging: Annotated[Number, Field(ge=0, lt=1)] = 0.99
     """Share of the running mean of the weights that an update keeps; 0: no mean."""
     early_stopping: bool = False
     """Hold out the validation plans, and keep each member's weights of their lowest loss (Section Learning)?"""
+    keep: Literal["loss", "f1"] = "loss"
+    """Early stopping keeps the weights of the lowest validation loss, or those of the highest F1 of the labels 1."""
     patience: Count | None = None
     """Early stopping ends the training so many updates after the last lowest loss of any member; None: never."""
+    gain: Annotated[Number, Field(gt=0, le=100)] = GAIN
+    """Weights start so many times as large as in `torch.nn.Linear`."""
+    restarts: Annotated[Whole, Field(ge=0, le=100)] = 5
+    """How often a member that died is trained again, from another start, at most."""
 
-    def rates(self) -> list[tuple[float, float]]:
-        """For each update the learning rate, and the share of the new weights in the running mean."""
+    def schedule(self, sizes: Sequence[tuple[int, int]]) -> tuple[int, int]:
+        """How many updates a training takes, and how many there are from one check of the losses to the next.
+
+        Args:
+            sizes: for each group of training examples, their number, and the number of labels that each of them has.
+        """
+        if self.epochs is None:
+            return self.updates, CHECK
+        epoch = sum(batches_of(*size, self.batch) for size in sizes)
+        return self.epochs * epoch, epoch
+
+    def rates(self, updates: int) -> list[tuple[float, float]]:
+        """For each of so many updates the learning rate, and the share of the new weights in the running mean."""
         return [
             (
                 self.learning_rate * min(1.0, update / max(1, self.warmup)),
                 1 - min(self.averaging, update / (update + 9)),
             )
-            for update in range(1, self.updates + 1)
+            for update in range(1, updates + 1)
         ]
 
 
@@ -119,7 +139,7 @@ def fit(
     Args:
         passes: of the network.
         train: training examples, one group for each length.
-        validation: examples whose loss decides which weights are kept; if empty, the last weights are kept.
+        validation: examples that decide which weights are kept; if empty, the last weights are kept.
         training: the settings.
         generators: one per member, for the order of its examples; on the CPU.
         length_generator: for the order of lengths, which all members share; on the CPU.
@@ -135,35 +155,42 @@ def fit(
     train_groups, validation_groups = groups(train, device), groups(validation, device)
     updates = Updates(passes, train_groups, training.weight_decay / plans)
     kept = KeptWeights(updates.mean, len(generators))
-    losses = Losses(len(generators))
-    step, rates = _step(updates, training)
+    losses = Losses(len(generators), training.keep)
     labels = [(len(y), y.shape[1]) for _, y in train_groups]
+    total, every = training.schedule(labels)
+    step, rates = _step(updates, training, total)
     drawn = batches(labels, training.batch, generators, length_generator, device)
-    for update, (group, rows) in enumerate(islice(drawn, training.updates), 1):
+    for update, (group, rows) in enumerate(islice(drawn, total), 1):
         losses.collect(*step(group, rows, rates[update - 1]))
-        if update % CHECK == 0 or update == training.updates:
+        if update % every == 0 or update == total:
             decisive = losses.check(update, updates, validation_groups)
             kept.consider(passes.network.split, updates.mean, decisive if validation else None)
-            if training.patience and CHECK * kept.checks_since_lowest >= training.patience:
+            if training.patience and every * kept.checks_since_lowest >= training.patience:
                 break
     passes.network.use(kept.weights)
     train_losses, validation_losses = np.stack(losses.checks, 1)
     return History(train_losses, validation_losses, kept.check)
 
 
-def _step(updates: Updates, training: Training) -> tuple[Step, Sequence[Any] | Tensor]:
-    """What makes an update, and the rates of each update. A GPU replays updates, with rates that lie on the GPU."""
+def _step(updates: Updates, training: Training, total: int) -> tuple[Step, Sequence[Any] | Tensor]:
+    """What makes an update, and the rates of all updates. A GPU replays updates, with rates that lie on the GPU."""
     device = updates.weights.device
     if device.type == "cuda" and updates.passes.replayable:
-        return Replayed(updates.step), torch.tensor(training.rates(), device=device)
-    return updates.step, training.rates()
+        return Replayed(updates.step), torch.tensor(training.rates(total), device=device)
+    return updates.step, training.rates(total)
 
 
 class Losses:
-    """The losses of E members: collected from update to update, and noted at each check."""
+    """The losses of E members: collected from update to update, and noted at each check.
 
-    def __init__(self, members: int) -> None:
+    Args:
+        members: E.
+        keep: what decides which weights are kept, `loss` or `f1`.
+    """
+
+    def __init__(self, members: int, keep: str = "loss") -> None:
         self.members = members
+        self.keep = keep
         self.checks: list[np.ndarray] = []
         """[2, E] training and validation loss at each check."""
         self._answers: list[tuple[Tensor, Tensor]] = []
@@ -181,27 +208,29 @@ class Losses:
             validation: the validation set; may be empty.
 
         Returns:
-            [E] the validation loss, or the training loss if there is no validation set.
+            [E] what is lowest for the weights to keep: validation loss, or 1 - F1 of the validation set. Without such a
+            set, the training loss.
 
         Raises:
             FloatingPointError: that loss is not finite.
         """
-        loss = np.full((2, self.members), np.nan, np.float32)
+        loss, f1 = np.full((2, self.members), np.nan, np.float32), None
         logits, labels = (torch.cat([x.flatten(1) for x in part], 1) for part in zip(*self._answers, strict=True))
         self._answers.clear()
         loss[0] = cross_entropy(logits, labels).mean(1).numpy(force=True)
         if validation:
             with updates.with_mean():
                 loss[1] = validation_loss(updates.passes, validation).numpy(force=True)
+                f1 = f1_scores(updates.passes, validation).numpy(force=True) if self.keep == "f1" else None
         decisive = loss[1 if validation else 0]
         if not np.isfinite(decisive).all():
             raise FloatingPointError(f"a loss is {decisive[~np.isfinite(decisive)][0]} after {update} updates")
         self.checks.append(loss)
-        return decisive
+        return decisive if f1 is None else 1 - f1
 
 
 class KeptWeights:
-    """The weights that each member ends with: the last ones, or those of its lowest validation loss."""
+    """The weights that each member ends with: the last ones, or those of its best check on the validation set."""
 
     def __init__(self, weights: Tensor, members: int) -> None:
         self.weights = torch.empty_like(weights)
@@ -221,7 +250,7 @@ class KeptWeights:
         Args:
             split: gives the parts of a vector of weights, each with axis E first.
             weights: the vector of all weights.
-            loss: [E] validation loss; None: keep the weights of all members.
+            loss: [E] what must be lower than at every check before; None: keep the weights of all members.
         """
         better = np.ones(len(self.check), bool) if loss is None else loss < self.lowest
         if loss is not None:

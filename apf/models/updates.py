@@ -90,6 +90,20 @@ def validation_loss(passes: Passes, groups: Sequence[Group]) -> Tensor:
     return torch.as_tensor(total) / sum(y.numel() for _, y in groups)
 
 
+@torch.inference_mode()
+def f1_scores(passes: Passes, groups: Sequence[Group]) -> Tensor:
+    """[E] F1 = 2 TP / (2 TP + FP + FN) of the labels 1 over all labels of the groups, predicted if p > 1/2.
+
+    It is 0 where there is no label 1 and none is predicted.
+    """
+    hits, misses = torch.zeros(()), torch.zeros(())
+    for x, y in groups:
+        says = passes.logits(passes.prepare(x[None], last_only(x, y))) > 0
+        hits = hits.to(x.device) + (says & (y == 1)).sum((1, 2))
+        misses = misses.to(x.device) + (says != (y == 1)).sum((1, 2))
+    return 2 * hits / (2 * hits + misses).clamp(min=1)
+
+
 def cross_entropy(logits: Tensor, y: Tensor) -> Tensor:
     """Binary cross-entropy of each label, shaped as the logits; labels of all members may lack the first axis."""
     return binary_cross_entropy_with_logits(logits, y.expand_as(logits), reduction="none")

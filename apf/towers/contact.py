@@ -3,9 +3,11 @@
 import torch
 from torch import Tensor
 
+from apf.domain import Domain
+from apf.errors import InputError
 from apf.models.graph import TGN
 from apf.towers.domain import TowerDomain
-from apf.towers.features import COM, MEAN_SIDE, POSITION, SIDES
+from apf.towers.features import COM, LENGTH, MEAN_SIDE, POSITION, SIDES
 
 
 class ContactTGN(TGN):
@@ -19,6 +21,14 @@ class ContactTGN(TGN):
     for_domain = TowerDomain
     n_pair = 4
     kernel_of = "apf.TGN"
+
+    @classmethod
+    def check_features(cls, domain: Domain) -> None:
+        """As `EnsembleNetwork.check_features`: contact patches follow from positions from the bottom block."""
+        if not isinstance(domain, TowerDomain) or not (domain.n_position and domain.length_unit == LENGTH):
+            raise InputError(
+                f"model is {cls.__name__}, which needs domain.position_of=bottom and domain.length_unit={LENGTH:g}"
+            )
 
     def pair_features(self, x: Tensor, pairs: Tensor) -> Tensor:
         """As `GraphNetwork.pair_features`: the contact distances."""

@@ -17,10 +17,20 @@ from pydantic import Field
 
 from apf.domain import Domain, NamedPlans
 from apf.errors import InputError
-from apf.settings import Whole, settings
+from apf.settings import Metres, Whole, settings
 from apf.towers.balanced import balanced_towers
 from apf.towers.blocks import BlockSet
-from apf.towers.features import N_FEATURES, N_POSITION, features, mirrored, stretched, weighed
+from apf.towers.features import (
+    LENGTH,
+    N_FEATURES,
+    N_POSITION,
+    PositionOf,
+    features,
+    in_unit,
+    mirrored,
+    stretched,
+    weighed,
+)
 from apf.towers.files import read_blocks, read_towers, tower_table, write_blocks
 from apf.towers.sources import BlockSource
 from apf.towers.stability import stands
@@ -52,9 +62,12 @@ class TowerDomain(Domain):
     stretch: bool = True
     """Train on towers that are stretched along each axis, too? What stands, stands if all lengths along one axis are
     twice as long."""
+    position_of: PositionOf = PositionOf.BOTTOM
+    """Where the positions that a network sees count from."""
+    length_unit: Metres = LENGTH
+    """Unit of the lengths that a network sees [m]."""
 
     n_features = N_FEATURES
-    n_position = N_POSITION
     plan_word = "tower"
     object_word = "block"
     object_files = ("training_blocks.csv", "evaluation_blocks.csv")
@@ -68,6 +81,11 @@ class TowerDomain(Domain):
     def evaluation_blocks(self) -> BlockSet:
         """The novel set."""
         return _loaded("domain.evaluation.file", self.evaluation)
+
+    @property
+    def n_position(self) -> int:
+        """As `Domain.n_position`: 0 unless positions count from the bottom block."""
+        return N_POSITION if self.position_of is PositionOf.BOTTOM else 0
 
     def kept_in(self, directory: Path) -> "TowerDomain":
         """This domain with the block sets that `keep` wrote into a directory, wherever they came from at first."""
@@ -126,7 +144,7 @@ class TowerDomain(Domain):
 
     def features(self, plans: Towers) -> np.ndarray:
         """[N, K, n_features] float32: what a network sees."""
-        return features(plans)
+        return in_unit(features(plans, self.position_of), self.length_unit)
 
     def views(self, plans: Towers) -> Iterator[np.ndarray]:
         """Features of plans whose labels are the same as these have.
@@ -138,11 +156,12 @@ class TowerDomain(Domain):
         masses, shares = list(self._masses(plans)), np.zeros(3)
         for quarters in range(4):
             turned = plans.turned(quarters)
-            x = features(turned)
+            x = features(turned, self.position_of)
             for view in (x, mirrored(x)) if self.mirror else (x,):
                 for weighed_view in (weighed(view, mass) for mass in masses) if masses else (view,):
                     shares = (shares + STRETCHES) % 1
-                    yield stretched(weighed_view, self._stretch(turned, shares)) if self.stretch else weighed_view
+                    factors = self._stretch(turned, shares)
+                    yield in_unit(stretched(weighed_view, factors) if self.stretch else weighed_view, self.length_unit)
 
     def _stretch(self, plans: Towers, shares: np.ndarray) -> np.ndarray:
         """[N, 3] factors along each axis: shares of the way from the smallest to the largest that is allowed.

@@ -1,5 +1,6 @@
 """What a network sees of each placement."""
 
+from enum import StrEnum
 from functools import lru_cache
 
 import numpy as np
@@ -21,11 +22,26 @@ MEAN_SIDE = 1
 """[`LENGTH`] what a side is less in the features."""
 
 
-def features(towers: Towers) -> np.ndarray:
+class PositionOf(StrEnum):
+    """Where the position in the features of a block counts from."""
+
+    BOTTOM = "bottom"
+    """The bottom block. Graph networks see differences of positions alone."""
+    BELOW = "below"
+    """The block below, as the parameter r of an action does (Section Domain); the bottom block's is on the table."""
+    WORLD = "world"
+    """The origin of the world, on the table."""
+
+
+def features(towers: Towers, position_of: PositionOf = PositionOf.BOTTOM) -> np.ndarray:
     """[N, K, N_FEATURES] float32: mass, centre of mass, sides and position after rotation.
 
     All are of about unit range: lengths in units of 10 cm, sides less 10 cm, masses less 0.55 kg doubled. Positions
-    count from the bottom block: where on the table a tower stands does not matter.
+    from the bottom block do not tell where on the table a tower stands.
+
+    Args:
+        towers: N towers.
+        position_of: Where positions count from.
     """
     n, k = towers.block.shape
     x = np.empty((n, k, N_FEATURES), np.float32)
@@ -33,9 +49,30 @@ def features(towers: Towers) -> np.ndarray:
         x[..., :POSITION_X] = look_up(_own_features(towers.blocks), towers.block, towers.rotation)
     else:
         x[..., :POSITION_X] = _own(towers.mass, towers.com, towers.dims)
-    x[..., 7:9] = (towers.xy - towers.xy[:, :1]) / LENGTH
-    x[..., 9] = (towers.z - towers.z[:, :1]) / LENGTH
+    for axes, place in ((slice(7, 9), towers.xy), (slice(9, 10), towers.z[..., None])):
+        x[..., axes] = _from(place, position_of) / LENGTH
     return x
+
+
+def _from(place: np.ndarray, position_of: PositionOf) -> np.ndarray:
+    """[N, K, ...] places in the world [m] -> positions."""
+    if position_of is PositionOf.BOTTOM:
+        return place - place[:, :1]
+    return place if position_of is PositionOf.WORLD else np.diff(place, axis=1, prepend=0)
+
+
+def in_unit(x: np.ndarray, length_unit: float) -> np.ndarray:
+    """The features [N, K, N_FEATURES] with lengths in another unit.
+
+    Args:
+        x: Features with lengths in `LENGTH`.
+        length_unit: [m].
+    """
+    if length_unit == LENGTH:
+        return x
+    other = x.copy()
+    other[..., COM_X:] *= LENGTH / length_unit
+    return other
 
 
 @lru_cache(maxsize=8)

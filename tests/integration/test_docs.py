@@ -141,7 +141,10 @@ def leaves(node: object) -> list[str]:
 def test_the_page_of_configs_has_defaults_types_and_bounds() -> None:
     page = page_of_configs()
     assert "| `training.batch` | `64` | whole number, at least 1, at most 100,000,000 |" in page
-    assert "| `sampler.kind` | `subsequence` | `complete`, `subsequence` | Theta_ss: every prefix is labelled |" in page
+    assert (
+        "| `sampler.kind` | `subsequence` | `complete`, `subsequence`, `whole` | Theta_ss: every prefix is labelled |"
+        in page
+    )
     assert "| `sampler` | `sequential` |" in page, "the default option of a group"
     assert (
         "| `model.network.hidden` | `64` | whole number, at least 1, at most 4,096 | width of every hidden layer |"

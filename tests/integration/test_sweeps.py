@@ -19,7 +19,9 @@ RUNS = {
     "beyond": 32,
     "early_stopping": 8,
     "packing": 15,
+    "paper": 40,
     "predictors": 2,
+    "published": 20,
     "robot_table": 6,
     "strategies": 16,
 }
@@ -29,7 +31,9 @@ SEEDS = {
     "beyond": 16,
     "early_stopping": 2,
     "packing": 3,
+    "paper": 8,
     "predictors": 1,
+    "published": 4,
     "robot_table": 1,
     "strategies": 4,
 }
@@ -37,6 +41,14 @@ SAMPLERS = {
     "packing": {"sequential", "incremental", "complete", "greedy", "random_ss"},
     "strategies": {"sequential", "incremental", "complete", "greedy"},
     "baselines": {"random_ss", "random_comp"},
+    "paper": {"sequential", "incremental", "complete", "greedy", "random_ss"},
+    "published": {
+        "published_sequential",
+        "published_incremental",
+        "complete",
+        "published_greedy",
+        "published_random_ss",
+    },
     "early_stopping": {"sequential", "greedy"},
 }
 
@@ -63,6 +75,26 @@ def test_a_sweep_as_it_stands_is_valid(name: str) -> None:
     assert runs == RUNS[name]
 
 
+@pytest.mark.parametrize("name", ["paper", "published"])
+def test_each_seed_has_sets_and_problems_of_its_own(name: str) -> None:
+    with initialize_config_dir(config_dir(), version_base="1.3"):
+        configs = [validate(compose("config", [f"+experiment={name}", f"seed={seed}"])) for seed in (10, 11)]
+    sets = [digest for config in configs for digest in config.domain.digests.values()]
+    assert len(set(sets)) == 4
+    assert [config.evaluation.seed for config in configs] == [10, 11]
+
+
+@pytest.mark.parametrize("name", ["sequential", "incremental", "greedy", "random_ss"])
+def test_a_sampler_of_the_published_code_differs_in_what_it_says(name: str) -> None:
+    with initialize_config_dir(config_dir(), version_base="1.3"):
+        theirs = validate(compose("config", ["+experiment=published", f"sampler=published_{name}"])).sampler
+        ours = validate(compose("config", [f"sampler={name}"])).sampler
+    assert (theirs.initial, type(theirs.score), theirs.max_length) == (ours.initial, type(ours.score), 5)
+    assert theirs.kind == ("whole" if name == "incremental" else "subsequence")
+    assert theirs.candidates.n == 10_000
+    assert theirs.candidates != ours.candidates
+
+
 @pytest.mark.slow
 @pytest.mark.usefixtures("no_figures")
 @pytest.mark.parametrize("name", RUNS)
@@ -71,6 +103,7 @@ def test_a_sweep_scaled_down(name: str, here: Path) -> None:
     one_seed = ("hydra.sweeper.params.seed=0",) if SEEDS[name] > 1 else ()
     its_own = ("evaluation.lengths", "evaluation.every", *(["evaluation.problems"] if name == "architectures" else []))
     small = [word for word in TINY if not word.startswith(its_own)]
+    small += ["training.epochs=1"] if name in ("paper", "published") else []
     call(*sweep, *one_seed, *small, "model.network.hidden=4").must_work()
     runs = [path for path in (here / "runs" / name).iterdir() if path.is_dir()]
     assert len(runs) == (1 if name in LESS else RUNS[name] // SEEDS[name])

@@ -49,8 +49,8 @@ def test_the_wheel_holds_the_package_and_every_config(installed: Path) -> None:
     with zipfile.ZipFile(wheel) as archive:
         names = {name for name in archive.namelist() if not name.startswith("apf-")}
     configs = {f"apf/conf/{path.relative_to(CONF)}" for path in CONF.rglob("*.yaml")}
-    configs |= {f"apf/sweeps/{path.relative_to(SWEEPS)}" for path in SWEEPS.rglob("*.yaml")}
-    packages = [REPOSITORY / name for name in ("apf", "analysis", "hydra_plugins")]
+    configs |= {f"sweeps/{path.relative_to(SWEEPS)}" for path in SWEEPS.rglob("*.yaml")}
+    packages = [REPOSITORY / name for name in ("apf", "analysis", "hydra_plugins", "sweeps")]
     code = {str(path.relative_to(REPOSITORY)) for package in packages for path in package.rglob("*.py")}
     shipped = {
         str(path.relative_to(REPOSITORY)) for path in (REPOSITORY / "apf" / "shipped").rglob("*") if path.is_file()

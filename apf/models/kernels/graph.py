@@ -36,7 +36,7 @@ class GraphKernel(Passes):
     """One pass for all prefixes, in which each message is computed once.
 
     The last layer of a message is linear, and the update begins with a linear layer. So both act as one product, after
-    the sum: sum_j (h_j W + b) = (sum_j h_j) W + n b for n messages.
+    the sum: sum_j (h_j W + b) = (sum_j h_j) W + n b for n messages. With a ReLU between (`message_relu`), they are two.
     """
 
     replayable = True
@@ -97,7 +97,7 @@ class GraphKernel(Passes):
     @torch.inference_mode()
     def _passes(self, prepared: PreparedGraphs, learn: bool) -> tuple[Tensor, Backward]:
         """Logits and the way back; `learn`: keep what the way back needs."""
-        graph, members = prepared.graph, len(self.parameters[0])
+        graph, members, message_relu = prepared.graph, len(self.parameters[0]), self.network.message_relu
         pairs, nodes = (x.expand(members, -1, -1) for x in (prepared.pairs, prepared.nodes))
         first, first_bias, second, second_bias, third, third_bias, update, update_bias, *readout = self.parameters
         n_hidden = second.shape[2]
@@ -105,8 +105,11 @@ class GraphKernel(Passes):
         last = cat([third, third_bias], 1)  # the message's last layer, for the sum and the number of messages
         of_sum, of_number = bmm(last, of_messages).split([n_hidden, 1], 1)
         h1 = baddbmm(first_bias, pairs, first).relu_()
-        h2 = baddbmm(second_bias, h1, second).relu_()
-        sums = graph.aggregate(h2.clone() if learn else h2)
+        h2 = messages = baddbmm(second_bias, h1, second).relu_()
+        if message_relu:
+            messages = baddbmm(third_bias, h2, third).relu_()
+            of_sum, of_number = of_messages, torch.zeros_like(of_number)
+        sums = graph.aggregate(messages.clone() if learn else messages)
         h3 = bmm(nodes, cat([of_own, update_bias, of_number], 1))
         h3[:, : sums.shape[1]].baddbmm_(sums, of_sum)
         h3.relu_()
@@ -120,9 +123,16 @@ class GraphKernel(Passes):
             own_gradient, update_bias_gradient, of_number = bmm(nodes.mT, g).split([of_own.shape[1], 1, 1], 1)
             g = g[:, : sums.shape[1]]
             of_product = cat([bmm(sums.mT, g), of_number], 1)
-            third_gradients = bmm(of_product, of_messages.mT).split([n_hidden, 1], 1)
-            update_gradient = cat([bmm(last.mT, of_product), own_gradient], 1)
-            g = relu_backward(graph.aggregate_vjp(bmm(g, of_sum.mT)), h2)
+            if message_relu:
+                update_gradient = cat([of_product[:, :n_hidden], own_gradient], 1)
+            else:
+                update_gradient = cat([bmm(last.mT, of_product), own_gradient], 1)
+            g = relu_backward(graph.aggregate_vjp(bmm(g, of_sum.mT)), messages)
+            if message_relu:
+                third_gradients = (bmm(h2.mT, g), g.sum(1, keepdim=True))
+                g = relu_backward(bmm(g, third.mT), h2)
+            else:
+                third_gradients = bmm(of_product, of_messages.mT).split([n_hidden, 1], 1)
             second_gradients = [bmm(h1.mT, g), g.sum(1, keepdim=True)]
             g = relu_backward(bmm(g, second.mT), h1)
             first_gradients = [bmm(pairs.mT, g), g.sum(1, keepdim=True)]

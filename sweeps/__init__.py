@@ -1,0 +1,1 @@
+"""The sweeps of the paper's figures and tables, and candidate sources that only a sweep needs."""
