@@ -8,8 +8,10 @@ import pandas as pd
 import pytest
 
 from analysis import measures as m
-from analysis.claims import CLAIMS, COLUMNS, Claim, add_notes, table_of_claims
+from analysis.claims import COLUMNS, add_notes, table_of_claims
 from analysis.evidence import Evidence, MissingError
+from analysis.statements import CLAIMS
+from analysis.verdicts import DECIDED, Claim
 from apf.errors import InputError
 
 RUNS, PROBLEMS = 4, 50
@@ -59,11 +61,11 @@ def evidence() -> Evidence:
 
 @pytest.fixture(scope="module")
 def table(evidence: Evidence) -> pd.DataFrame:
-    return table_of_claims(evidence, draws=20)
+    return table_of_claims({"": evidence}, draws=20)
 
 
 def test_the_table_has_a_row_for_each_claim_and_its_columns(table: pd.DataFrame) -> None:
-    assert list(table.columns) == COLUMNS
+    assert list(table.columns) == [*COLUMNS, *DECIDED]
     assert len(table) == sum(map(len, CLAIMS.values()))
     assert {text.partition(".")[0] for text in table["claim"]} == {str(n) for n in range(1, 11)}
     assert set(table["verdict"]) <= {"holds", "fails", "undecided"}
@@ -102,7 +104,7 @@ def test_a_claim_that_is_false_by_construction_fails(evidence: Evidence) -> None
     other = {"sequential": "greedy", "greedy": "sequential"}
     regret = {(other.get(who, who), *rest): value for (who, *rest), value in evidence.regret.items()}
     swapped = Evidence(regret, evidence.accuracy, evidence.runs, evidence.problems)
-    table = table_of_claims(swapped, draws=20).set_index("claim")["verdict"]
+    table = table_of_claims({"": swapped}, draws=20).set_index("claim")["verdict"]
     for claim in ("4. Greedy is worst (tallest)", "6. Sequential beats random_ss", "6. Random_ss beats greedy"):
         assert table[claim] == "fails"
 
@@ -120,7 +122,7 @@ def test_verdicts(low: float, high: float, above: str, below: str) -> None:
 def test_what_was_not_measured_is_said(evidence: Evidence) -> None:
     kept = {key: value for key, value in evidence.regret.items() if key[0] != "greedy"}
     runs = {who: rows for who, rows in evidence.runs.items() if who != "greedy"}
-    table = table_of_claims(Evidence(kept, evidence.accuracy, runs, evidence.problems), draws=5)
+    table = table_of_claims({"": Evidence(kept, evidence.accuracy, runs, evidence.problems)}, draws=5)
     (row,) = table[table["claim"] == "6. Random_ss beats greedy"].to_dict("records")
     assert (row["verdict"], row["runs"]) == ("undecided", "4 + 0")
     assert "greedy" in row["note"]
@@ -131,7 +133,7 @@ def test_one_run_of_what_learns_decides_nothing(evidence: Evidence) -> None:
     one = Evidence(
         evidence.regret, evidence.accuracy, dict(evidence.runs) | {"greedy": np.arange(1)}, evidence.problems
     )
-    table = table_of_claims(one, draws=5).set_index("claim")
+    table = table_of_claims({"": one}, draws=5).set_index("claim")
     row = table.loc["6. Random_ss beats greedy"]
     assert (row["verdict"], row["runs"]) == ("undecided", "4 + 1")
     assert row["value"] > 0
