@@ -19,7 +19,7 @@ RUNS = {
     "beyond": 32,
     "early_stopping": 8,
     "packing": 15,
-    "predictors": 2,
+    "predictors": 3,
     "strategies": 16,
 }
 SEEDS = {
