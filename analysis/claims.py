@@ -10,6 +10,7 @@ has columns of its own. The table is written as OUT.csv, and for reading as OUT.
 """
 
 import os
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -25,6 +26,14 @@ from apf.rundir.files import read_yaml
 
 COLUMNS = ["claim", "section", "statistic"]
 """What a row says of the claim itself. `DECIDED` follow, for each name."""
+READING = (
+    "# The paper's claims, decided",
+    "",
+    "Evidence: a number, its 95 % interval over runs and problems, and what the number should be if the claim is true.",
+    "A claim holds, or fails, if the whole interval says so; otherwise it is undecided. Made by `analysis/claims.py`.",
+    "",
+)
+"""What the table for reading begins with."""
 
 
 def table_of_claims(evidence: Mapping[str, Evidence], draws: int) -> pd.DataFrame:
@@ -79,10 +88,15 @@ def markdown(table: pd.DataFrame, names: Sequence[str]) -> str:
         table: Of `table_of_claims`.
         names: Of the groups of runs in it.
     """
-    lines = []
+    lines = [*READING]
     for section in dict.fromkeys(table["section"]):
         heads = [f"{name}: {head}" if name else head for name in names for head in ("answer", "evidence")]
-        lines += [f"## {section}", "", _line(["claim", *heads]), _line(["---"] * (len(heads) + 1))]
+        lines += [
+            f"## {section[0].upper()}{section[1:]}",
+            "",
+            _line(["claim", *heads]),
+            _line(["---"] * (len(heads) + 1)),
+        ]
         for _, row in table[table["section"] == section].iterrows():
             cells = [(row[column_of(name, "verdict")], _evidence(row, name)) for name in names]
             lines.append(_line([row["claim"], *(text for cell in cells for text in cell)]))
@@ -91,9 +105,12 @@ def markdown(table: pd.DataFrame, names: Sequence[str]) -> str:
 
 
 def _evidence(row: pd.Series, name: str) -> str:
+    """What was measured, with its interval, what it should be, of how many runs, and what else is known."""
     value, low, high, runs, _, needed, note = (row[column_of(name, key)] for key in DECIDED)
-    measured = f"{row['statistic']}: {value:.2f} ({low:.2f} to {high:.2f}), runs {runs}" if pd.notna(value) else ""
-    return ". ".join(str(part) for part in (measured, f"Needed: {needed} of each" if needed else "", note) if part)
+    statistic, sign, bound = re.split(" ([<>]) (?=[^<>]*$)", row["statistic"])
+    measured = f"{statistic}: {value:z.2f} ({low:z.2f} to {high:z.2f}), should be {sign} {bound}"
+    counted = f"{runs} run{'s' * (runs != '1')}" + (f", {needed} of each would decide" if needed else "")
+    return "; ".join([measured, counted] * bool(pd.notna(value)) + [str(note)] * bool(note))
 
 
 def _line(cells: Sequence[object]) -> str:
