@@ -85,7 +85,7 @@ def draw_beliefs(figure: SubFigure, beliefs: list[Belief]) -> None:
         titles = ("Stands (analytic rule)", "Predicted chance", "BALD")
         maps = ((np.where(each.stands, *FLAT), LIKELY, 1.0), (each.chance, LIKELY, 1.0), (each.bald, BALD, most))
         for ax, title, (values, colours, top) in zip(row, titles, maps, strict=True):
-            image = _draw_map(ax, each, values, colours, top)
+            image = draw_map(ax, each, values, colours, top)
             if each is beliefs[0]:
                 ax.set_title(title)
             if each is beliefs[-1]:
@@ -99,8 +99,19 @@ def draw_beliefs(figure: SubFigure, beliefs: list[Belief]) -> None:
         row[0].set_ylabel(f"Top of {each.blocks} blocks\nOffset in y [cm]")
 
 
-def _draw_map(ax: Axes, each: Belief, values: np.ndarray, colours: str, top: float) -> AxesImage:
-    """One map with the border of where the tower stands. Returns the image."""
+def draw_map(ax: Axes, each: Belief, values: np.ndarray, colours: str, top: float) -> AxesImage:
+    """Draw one map with the border of where the tower stands.
+
+    Args:
+        ax: Where.
+        each: Whose border is drawn.
+        values: [G, G] what the map shows.
+        colours: Name of a colour map.
+        top: The value of its last colour; the first one is that of 0.
+
+    Returns:
+        The image.
+    """
     (left, right), (low, high) = _edges(each.x * CM), _edges(each.y * CM)
     image = ax.imshow(
         values, origin="lower", extent=(left, right, low, high), cmap=colours, vmin=0, vmax=top, interpolation="nearest"

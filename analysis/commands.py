@@ -7,6 +7,8 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
+import pandas as pd
+
 from apf.errors import InputError
 from apf.report.runs import Run, find_runs
 
@@ -62,6 +64,13 @@ def finished_runs(directories: Sequence[Path]) -> list[Run]:
     for directory in unfinished:
         print(f"left out, not finished: {directory}", file=sys.stderr)
     return runs
+
+
+def check_world(world: str, regret: pd.DataFrame) -> None:
+    """Raises InputError if the rows of `regret.parquet` are of no world of that name."""
+    known = sorted(set(regret["world"]))
+    if world not in known:
+        raise InputError(f"--world {world}: the runs have {', '.join(known)}")
 
 
 @contextlib.contextmanager

@@ -10,11 +10,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
 import pandas as pd
 
-from analysis.commands import by_name, finished_runs, one_line_errors, parser_of
-from apf.errors import InputError
+from analysis.commands import by_name, check_world, finished_runs, one_line_errors, parser_of
+from analysis.intervals import over_runs
 from apf.report.figures import Words, levels_of, plural, save, split
 from apf.report.names import world_of
 from apf.report.panels import Row, draw_rows
@@ -25,8 +24,6 @@ if TYPE_CHECKING:
 
 ALL = "all tasks"
 """In place of a task: the mean over tasks."""
-RESAMPLES = 10_000
-"""Of the runs, for an interval."""
 
 
 def mean_curves(regret: pd.DataFrame, world: str) -> pd.DataFrame:
@@ -47,20 +44,11 @@ def mean_curves(regret: pd.DataFrame, world: str) -> pd.DataFrame:
     rows = []
     for (group, task, plans), part in both.groupby(["group", "task", "plans"], sort=False):
         values = part["regret"].to_numpy()
-        low, high = interval(values)
+        low, high = over_runs(values)
         said = part["feasible"].mean(), part["chance"].mean()
         rows.append((group, task, plans, values.mean(), low, high, values.max(), *said, len(values)))
     columns = ["group", "task", "plans", "mean", "low", "high", "worst", "standing", "chance", "runs"]
     return pd.DataFrame(rows, columns=columns)
-
-
-def interval(values: np.ndarray) -> tuple[float, float]:
-    """The 95 % interval of the mean of these values [N], by bootstrap; NaN for fewer than two."""
-    if len(values) < 2:
-        return np.nan, np.nan
-    means = np.random.default_rng(0).choice(values, (RESAMPLES, len(values))).mean(1)
-    low, high = np.percentile(means, [2.5, 97.5])
-    return float(low), float(high)
 
 
 def plot(curves: pd.DataFrame, words: Words, world: str) -> "Figure":
@@ -110,8 +98,7 @@ def main() -> None:
     arguments = parser.parse_args()
     with one_line_errors():
         runs, regret = gathered(by_name(arguments.directories, optional=False))
-        if arguments.world not in set(regret["world"]):
-            raise InputError(f"--world {arguments.world}: the runs have {', '.join(sorted(set(regret['world'])))}")
+        check_world(arguments.world, regret)
         curves = mean_curves(regret, arguments.world)
         words = Words.common([run.words for run in runs])
         paths = save(plot(curves, words, arguments.world), curves.round(4), arguments.out)

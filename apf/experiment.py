@@ -150,7 +150,8 @@ class Experiment:
             self.tracker.begin(step, BUILDING if step else FIRST, place, len(pending))
             rng = stream(self.seed, "world", number)
             world, before = (self.world.initial_world, None) if step == 0 else (self.world, self.store.last_report)
-            outcome = carry_out(world, plan, rng, self.execution.time_limit, f"plan {number}", before)
+            log = self.store.log_of(number)
+            outcome = carry_out(world, plan, rng, self.execution.time_limit, f"plan {number}", before, log)
             self.store.record(number, outcome.labels, outcome.report)
         if pending:
             self.tracker.log(self.execution_metrics(step))

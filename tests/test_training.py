@@ -29,7 +29,8 @@ from apf.models.layers import EnsembleLinear
 from apf.models.passes import Passes
 from apf.models.training import CHECK, History, fit
 from apf.models.updates import Rates, Updates, validation_loss
-from apf.towers import AnalyticWorld, TowerDomain, Towers, random_towers, standing_prefixes
+from apf.planning import MonteCarloPlanner
+from apf.towers import AnalyticWorld, Tallest, TowerDomain, Towers, random_towers, standing_prefixes
 from apf.towers.features import LENGTH, MEAN_SIDE, SIDES, features, mirrored, stretched, weighed
 
 DOMAIN = TowerDomain(mass_scales=0, stretch=False)
@@ -581,6 +582,20 @@ def test_a_pessimist_doubts_where_members_differ() -> None:
     np.testing.assert_array_equal(pessimist.with_pessimism(None).feasibility(plans), model.feasibility(plans))
     model.network.reset([torch.Generator().manual_seed(0) for _ in range(3)])
     np.testing.assert_allclose(pessimist.feasibility(plans), model.feasibility(plans), rtol=1e-5)
+
+
+@pytest.mark.parametrize("kind", Kind)
+def test_a_planner_that_doubts_asks_all_members_at_once(kind: Kind) -> None:
+    """What a pessimist says is no mean over members; the choice is that of exhaustive scoring all the same."""
+    model = ensemble(kind=kind)
+    plans = DOMAIN.random_plans(4, 300, np.random.default_rng(0))
+    model.network.reset([torch.Generator().manual_seed(seed) for seed in range(3)])
+    planner = MonteCarloPlanner(candidates=300, pessimism=2.0, first=8, chunk=64)
+    judge = planner.judge(model)
+    choice = planner.plan(Tallest(), planner.pool(plans, judge, np.random.default_rng(0)))
+    expected = model.with_pessimism(2.0).feasibility(plans) * Tallest().value(plans)
+    assert choice.index == int(expected.argmax())
+    assert choice.expected == pytest.approx(expected.max(), rel=1e-5)
 
 
 def test_the_same_networks_can_be_taken_with_other_odds() -> None:

@@ -23,7 +23,11 @@ class Predictor(ABC):
 
     members: int = 1
     """Number of members, e.g. networks, over which P(feasible) is a mean; with `by_prefix`, each factor of P is. With
-    several members a planner can ask some of them, by `last_feasibility`, and drop a plan before it asks the others."""
+    several members a planner can ask some of them, by `last_feasibility`, and drop a plan before it asks the others, if
+    `mean_of_members` says so."""
+
+    mean_of_members: bool = True
+    """Is what the members say together their mean? If not, a planner asks all of them at once."""
 
     together: bool = False
     """Does the predictor judge many plans about as fast as a few? Then a planner asks about all plans at once."""

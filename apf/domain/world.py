@@ -3,6 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
@@ -73,6 +74,13 @@ class World(ABC):
             evaluation: Are the plans made of the objects of the evaluation, or of those of the experiment?
         """
 
+    def log_to(self, path: Path | None) -> None:  # noqa: B027
+        """Say where a log of the plans that follow may be written; by default a world writes none.
+
+        Args:
+            path: Of the log's file, without an ending; an earlier one that is there is replaced. None: nowhere.
+        """
+
     def close(self) -> None:  # noqa: B027
         """Release the world's resources, e.g. a simulator."""
 
@@ -84,6 +92,7 @@ def carry_out(
     limit: float | None,
     what: str,
     before: Mapping[str, Any] | None = None,
+    log: Path | None = None,
 ) -> Outcome:
     """Carry out one plan in a world, and check the labels that come back.
 
@@ -94,10 +103,12 @@ def carry_out(
         limit: Seconds that the plan may take; None: as long as it likes.
         what: How messages call the plan.
         before: The report of the plan before this one, as in `World.attempt`.
+        log: Where the world may log what happens, as in `World.log_to`.
 
     Raises:
         Stopped: The world failed, took longer than `limit`, or returned no valid labels; the message names `what`.
     """
+    world.log_to(log)
     try:
         with time_limit(limit):
             outcome = world.attempt(plan, rng, before)

@@ -201,7 +201,7 @@ class Ensemble(Predictor):
     def with_pessimism(self, pessimism: float | None) -> Self:
         """As `Predictor.with_pessimism`. The weights of the networks are shared."""
         other = copy.copy(self)
-        other.pessimism = pessimism
+        other.pessimism, other.mean_of_members = pessimism, pessimism is None
         return other
 
     def save(self, path: Path) -> None:

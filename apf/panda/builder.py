@@ -1,7 +1,7 @@
 """One experiment of the robot: build a tower, judge each prefix, clear up (Section Perception, planning, execution)."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Collection
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -52,8 +52,8 @@ class Builder:
     recovery: Recovery
     ask_for_help: Callable[[str, str], None]
     person: Person
-    on_judged: Callable[[], None] | None = None
-    """The builder calls this function after it has judged a placement, e.g. to take a picture."""
+    on_judged: list[Callable[[Built], None]] = field(default_factory=list)
+    """Called after each placement was judged, with what has come of the tower by then, e.g. to take a picture."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -88,10 +88,11 @@ class Builder:
                 outcome = DONE if sure is None else FELL
             before = sure in (BEFORE_NEXT, WHILE_CARRYING)
             labels[i - 1 if before else i] = outcome == DONE
-            if self.on_judged is not None:
-                self.on_judged()
+            built = Built(labels.copy(), STOOD if outcome == DONE else outcome, sure)
+            for call in self.on_judged:
+                call(built)
             if outcome != DONE:
-                return Built(labels, outcome, sure)
+                return built
         return Built(labels, STOOD)
 
     def _place(self, blocks: np.ndarray, goals: np.ndarray, i: int) -> tuple[str, str | None]:
@@ -152,7 +153,7 @@ class Builder:
 
         A person brings home the blocks that the robot cannot bring; the account counts these interventions.
         """
-        tries = np.zeros(len(self.names), int)
+        tries, helped = np.zeros(len(self.names), int), set[int]()
         while True:
             self._wait_until_still()
             for block in np.flatnonzero(~self._at_home()):
@@ -160,9 +161,10 @@ class Builder:
                     self._by_hand(int(block), self._cause(int(block)))
             away = np.flatnonzero(~self._at_home())
             if not len(away):
-                missing = self._missing()
+                missing = self._missing(helped)
                 if missing is None:
                     return
+                helped.add(missing)
                 self._by_hand(missing, NOT_THERE)
                 continue
             worn = [int(block) for block in away if tries[block] >= self.recovery.tries]
@@ -171,13 +173,14 @@ class Builder:
             else:
                 self._one_block(away, tries)
 
-    def _missing(self) -> int | None:
+    def _missing(self, helped: Collection[int]) -> int | None:
         """Go to rest, and look for a block that is believed to be at home and is not; None: there is none.
 
-        A block that no camera beside the table sees is looked for with the camera on the hand.
+        A block that no camera beside the table sees is looked for with the camera on the hand. Of those that a person
+        has put home already, none is looked for: their markers cannot be read there.
         """
         self.robot.rest()
-        hidden = np.flatnonzero(~self.robot.look())
+        hidden = [block for block in np.flatnonzero(~self.robot.look()) if block not in helped]
         missing = next((int(block) for block in hidden if not self.robot.visit(int(block))), None)
         if len(hidden):
             self.robot.rest()

@@ -20,6 +20,7 @@ from apf.panda.settings import Arm, Handling, Sight
 from apf.panda.stations import APPROACH_STEPS, LIFT_STEPS, Station
 from apf.panda.vision.cameras import STATIC, WRIST, Camera
 from apf.panda.vision.eyes import Eyes
+from apf.panda.vision.watch import Watch
 from apf.towers import BlockSet
 
 NO_PLAN = ("no grasp", "no motion")
@@ -53,6 +54,12 @@ class Robot:
     handling: Handling
     arm: Arm
     witness: Witness | None = None
+    say: Callable[[str], None] = print
+    """Is called with one line when something is wrong with what the robot sees."""
+
+    def __post_init__(self) -> None:
+        """Nobody has looked yet."""
+        self.watch = Watch(self.sight, self.say)
 
     def begin(self, blocks: BlockSet, rng: np.random.Generator, believed: np.ndarray | None = None) -> None:
         """A new scene: the arm at rest, nothing remembered but where blocks were last believed to be.
@@ -80,8 +87,7 @@ class Robot:
         Returns:
             [B] bool: is each block seen?
         """
-        images = self.hardware.images(names)
-        seen = self.eyes.estimate(images, self._places(), self.belief.thought)
+        seen = self.watch.look(self.hardware, self.eyes, names, self._places(), self.belief.thought)
         poses = self.belief.thought.copy()
         new = seen.seen & ~(seen.surprise <= self.sight.still)
         poses[new] = seen.poses[new]
@@ -101,8 +107,7 @@ class Robot:
 
     def look_closely(self, block: int) -> np.ndarray | None:
         """[4, 4] where the camera on the hand sees a block; None: it does not see it."""
-        images = self.hardware.images([WRIST])
-        seen = self.eyes.estimate(images, self._places(), self.belief.thought, only=block)
+        seen = self.watch.look(self.hardware, self.eyes, [WRIST], self._places(), self.belief.thought, only=block)
         return seen.poses[block] if seen.seen[block] else None
 
     def examine(self, block: int) -> bool:

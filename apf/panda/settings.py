@@ -5,7 +5,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from apf.settings import Degrees, Few, Number, settings
+from apf.settings import CountOrNone, Degrees, Few, Number, settings
 
 
 @settings
@@ -34,6 +34,12 @@ class Sight:
     anew."""
     refine_turn: Degrees = 20.0
     """And turn it so far [deg]."""
+    retries: CountOrNone = 5
+    """A camera that does not answer is asked again so often; then the robot goes on without it."""
+    retry_pause: Annotated[Number, Field(gt=0, le=60)] = 0.5
+    """Time between two such attempts [s]."""
+    blind: Few = 10
+    """The run stops after so many looks in a row in which the cameras beside the table see no block at all."""
 
     @property
     def overlap(self) -> float:

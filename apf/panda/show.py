@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import hydra
+import numpy as np
 from omegaconf import DictConfig
 from pydantic import Field
 
@@ -11,9 +12,12 @@ from apf.config.values import config_dir, without
 from apf.domain import World
 from apf.errors import InputError
 from apf.launch.cli import one_line_errors, run_command
+from apf.panda.caption import Caption
 from apf.panda.film import Camera, filming
+from apf.panda.log import ENDING
 from apf.panda.world import PandaWorld
 from apf.rng import stream
+from apf.rundir.tables import read_table
 from apf.settings import CountOrNone, Seed, settings
 from apf.towers import Towers, read_towers
 
@@ -25,6 +29,7 @@ class ShowConfig:
     tower: Path
     number: CountOrNone
     out: Path
+    log: Path | None
     seed: Seed
     gui: bool
     world: World
@@ -41,10 +46,14 @@ def job(cfg: DictConfig) -> None:
         raise InputError("world: only the robot can be shown; choose world=panda")
     tower = tower_of(config.tower, config.number)
     world.check_plans(tower)
+    world.log_to(stem_of(config.log))
     builder = world.builder
     with filming(config.out, config.camera) as film:
-        world.simulated.on_step = film
-        builder.on_judged = lambda: film.still(world.simulated)
+        caption = Caption(tower, builder.robot, chances_of(config.tower, config.number))
+        film.caption = caption.lines
+        world.simulated.on_step.append(film)
+        builder.on_judged.append(caption.judged)
+        builder.on_judged.append(lambda built: film.still(world.simulated))
         outcome = world.attempt(tower, stream(config.seed, "show"))
         film.still(world.simulated)
         world.close()
@@ -59,6 +68,24 @@ def tower_of(path: Path, number: int) -> Towers:
     if number not in places:
         raise InputError(f"number={number}: {path} holds {len(places)} towers, counted from 0")
     return places[number]
+
+
+def chances_of(path: Path, number: int) -> list[float] | None:
+    """The column `chance` of the tower of that place in a tower file, from the bottom up; None: there is none."""
+    try:
+        table = read_table(path, ["position", "chance"], ["tower"], {})
+    except InputError:  # of towers that no model has judged
+        return None
+    own = table.names["tower"].codes == number
+    order = np.argsort(table.numbers["position"][own], kind="stable")
+    return table.numbers["chance"][own][order].tolist()
+
+
+def stem_of(log: Path | None) -> Path | None:
+    """The path of a log without its ending. Raises InputError if that is another one."""
+    if log is not None and log.suffix != ENDING:
+        raise InputError(f"log={log}: the ending must be {ENDING}")
+    return log and log.with_suffix("")
 
 
 def main() -> None:

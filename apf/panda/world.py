@@ -2,7 +2,9 @@
 
 import sys
 from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import field
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -19,10 +21,12 @@ from apf.panda.geometry import from_vector, to_vector
 from apf.panda.grasps import Gripper
 from apf.panda.layout import Layout
 from apf.panda.limits import check_blocks, check_height, check_legible, check_places
+from apf.panda.log import ENDING, Content
 from apf.panda.motion import MotionSettings
 from apf.panda.planner import Planner, Search
 from apf.panda.reality import Bullet, Physics, Reality, Rig
 from apf.panda.reality.photographer import Photographer
+from apf.panda.recorder import recording
 from apf.panda.robot import Robot
 from apf.panda.settings import Arm, Handling, Help, Judging, Recovery, Sight
 from apf.panda.stations import Reach
@@ -41,6 +45,8 @@ class PandaWorld(World):
     interventions: Help = Help.AUTO
     gui: bool = False
     """Show reality in PyBullet's window."""
+    log: Content = Content.NOTHING
+    """What is logged of each tower, in an MCAP file of its own."""
     initial: World | None = None
     """Where an experiment's first towers are labelled; None: here, too."""
     reality: Physics = Field(default_factory=Bullet)
@@ -60,6 +66,8 @@ class PandaWorld(World):
     recovery: Recovery = Field(default_factory=Recovery)
     _open: list[Any] = field(default_factory=list, init=False, repr=False)
     """The builder and its reality, once they were needed."""
+    _logs: list[Path] = field(default_factory=list, init=False, repr=False)
+    """The log of the next tower, if there is to be one."""
 
     @property
     def initial_world(self) -> World:
@@ -93,9 +101,10 @@ class PandaWorld(World):
         self.check_plans(plan)
         builder, names = self.builder, plan.blocks.name
         self.simulated.begin(plan.blocks, self._poses(plan.blocks, before, "blocks"), _child(rng))
-        builder.robot.begin(plan.blocks, rng, self._poses(plan.blocks, before, "believed"))
-        built = builder.build(plan)
-        builder.tidy()
+        with self._logged(plan.blocks):
+            builder.robot.begin(plan.blocks, rng, self._poses(plan.blocks, before, "believed"))
+            built = builder.build(plan)
+            builder.tidy()
         report = {
             "outcome": built.outcome,
             "entries": builder.robot.account.plain(),
@@ -103,6 +112,16 @@ class PandaWorld(World):
             "believed": _named(names, builder.robot.belief.thought),
         }
         return Outcome(built.labels, report if built.sure is None else {**report, "sure": built.sure})
+
+    def log_to(self, path: Path | None) -> None:
+        """As `World.log_to`; the file's ending is `.mcap`."""
+        self._logs[:] = [] if path is None else [path.with_name(path.name + ENDING)]
+
+    def _logged(self, blocks: BlockSet) -> AbstractContextManager[None]:
+        """Context: what is done with the blocks is logged, if that is wanted."""
+        if not self._logs or self.log == Content.NOTHING:
+            return nullcontext()
+        return recording(self._logs[0], self.builder, self.simulated, blocks, self.log)
 
     def check_plans(self, plans: Towers) -> None:
         """Raises InputError, naming block and limit, if the robot cannot try these towers."""
@@ -130,7 +149,9 @@ class PandaWorld(World):
             belief = Belief(self.layout, self.cameras.wrist)
             planner = Planner(belief, self.gripper, self.reach, self.motion, self.search, self.sight.overlap)
             robot = Robot(
-                reality, belief, planner, cameras, self.sight, self.handling, self.arm, witness=reality.pose_of
+                *(reality, belief, planner, cameras, self.sight, self.handling, self.arm),
+                witness=reality.pose_of,
+                say=_say,
             )
             builder = Builder(robot, self.judging, self.recovery, self._ask_for_help, person=reality)
             self._open.append((builder, reality))
@@ -156,6 +177,10 @@ class PandaWorld(World):
             print(f"block {block}: {cause}. Put it home and press Enter.", file=sys.stderr, flush=True)
             if not sys.stdin.readline():
                 raise Stopped(f"the robot needs a person, and nobody is at the terminal: block {block}: {cause}")
+
+
+def _say(line: str) -> None:
+    print(line, file=sys.stderr, flush=True)
 
 
 def _child(rng: np.random.Generator) -> np.random.Generator:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import field
+from pathlib import Path
 from typing import Annotated, Any, Protocol
 
 import numpy as np
@@ -70,6 +71,10 @@ class Kept(Protocol):
             plan: A batch of one.
             outcome: What came of it.
         """
+        ...
+
+    def log_of(self, execution: Execution) -> Path:
+        """Where a world may log this execution, as in `World.log_to`."""
         ...
 
 
@@ -141,7 +146,8 @@ class Evaluator:
             if outcome is None:
                 rng = stream(self.settings.seed, f"reward in {world_name}", step, problem, number)
                 what = f"the plan chosen for {task} in problem {problem}"
-                outcome = carry_out(world, plan, rng, self.time_limit, what)
+                log = kept.log_of(execution) if kept else None
+                outcome = carry_out(world, plan, rng, self.time_limit, what, log=log)
                 if kept:
                     kept.record_outcome(execution, plan, outcome)
             outcomes[world_name] = outcome

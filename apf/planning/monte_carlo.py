@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from apf.domain import Domain, Predictor, Task
-from apf.planning.planner import Choice, Odds, Planner, Problem
+from apf.planning.planner import Choice, Odds, Pessimism, Planner, Problem
 from apf.settings import Many, settings
 
 ROUNDS = ((0.2, 0.5), (1.0,))
@@ -77,7 +77,7 @@ class Pool:
         self.predictor = predictor
         self.rng = rng
         self.at_once = predictor.random or predictor.together
-        self.members = 1 if self.at_once else predictor.members
+        self.members = predictor.members if predictor.mean_of_members and not self.at_once else 1  # asked apart
         by_prefix = predictor.by_prefix and not self.at_once
         lengths = range(2 if by_prefix else candidates.length, candidates.length + 1)
         self.queries = _queries(lengths, self.members, ROUNDS)
@@ -124,6 +124,7 @@ class MonteCarloPlanner(Planner):
     """argmax of P(phi = 1 | a) V(a) over random candidates."""
 
     odds: Odds | None = None
+    pessimism: Pessimism | None = None
     first: Many = 1024
     """Plans of the first wave, which is to find a good one; the next waves are larger."""
     chunk: Many = 32768

@@ -13,6 +13,8 @@ from apf.settings import Many, Number, settings
 
 Odds = Annotated[Number, Field(gt=0, le=1000)]
 """Factor for the odds of each placement."""
+Pessimism = Annotated[Number, Field(ge=0, le=100)]
+"""How many standard deviations."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,10 +51,15 @@ class Planner(ABC):
     """Random plans of each problem."""
     odds: Odds | None
     """Factor for the odds of each placement while plans are chosen; None: the predictor's own."""
+    pessimism: Pessimism | None
+    """Standard deviations of the members' logits that each chance is lowered by; None: as they say on average."""
 
     def judge(self, predictor: Predictor) -> Predictor:
-        """The predictor with the odds that this planner plans with."""
-        return predictor if self.odds is None else predictor.with_odds(self.odds)
+        """The predictor with the odds and the pessimism that this planner plans with.
+
+        A planner finds the plans that an ensemble is too sure of. Those are plans about which members differ.
+        """
+        return (predictor if self.odds is None else predictor.with_odds(self.odds)).with_pessimism(self.pessimism)
 
     @abstractmethod
     def choose(

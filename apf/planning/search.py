@@ -2,18 +2,14 @@
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-from pydantic import Field
 
 from apf.domain import Domain, Predictor, Task
-from apf.planning.planner import Choice, Odds, Planner, Problem
+from apf.planning.planner import Choice, Odds, Pessimism, Planner, Problem
 from apf.rng import stream
-from apf.settings import Count, Number, settings
-
-Pessimism = Annotated[Number, Field(ge=0, le=100)]
-"""How many standard deviations."""
+from apf.settings import Count, settings
 
 DIGITS = 6
 """Of P, by which plans are told apart: the last ones depend on how many plans were judged together."""
@@ -65,7 +61,6 @@ class SearchPlanner(Planner):
 
     odds: Odds = 1.0
     pessimism: Pessimism | None = 1.0
-    """Standard deviations of the members' logits that each chance is lowered by; None: as they say on average."""
     start: Count = 1000
     """Random plans that the search starts from."""
     generations: Count = 30
@@ -73,13 +68,6 @@ class SearchPlanner(Planner):
     """Variations in each generation, as many of each parent."""
     parents: Count = 10
     """Best plans so far, which are varied next. Several keep the search from ending where only one of them leads."""
-
-    def judge(self, predictor: Predictor) -> Predictor:
-        """As `Planner.judge`, and with this planner's pessimism.
-
-        A search finds the plans that an ensemble is too sure of. Those are plans about which members differ.
-        """
-        return super().judge(predictor).with_pessimism(self.pessimism)
 
     def choose(
         self, problems: Iterable[Problem], tasks: Mapping[str, Task], predictor: Predictor, domain: Domain

@@ -151,5 +151,5 @@ def _show(value: Any) -> str:
     if isinstance(value, list):
         return "+".join(map(_show, value))
     if isinstance(value, float) and value.is_integer():
-        value = int(value)
+        value = int(value)  # 40.0 is 40, as another version of the config may have it
     return {"None": "null", "True": "true", "False": "false"}.get(str(value), str(value))

@@ -24,6 +24,8 @@ CHOSEN_TABLE = "evaluation_plans.parquet"
 TABLES = ("plans.parquet", "regret.parquet", "accuracy.parquet", CHOSEN_TABLE)
 WORLD_TABLE = "world.parquet"
 """The table of the world's reports, if the world reports anything."""
+LOGS = "logs"
+"""The folder of the world's logs of plans, if the world writes any."""
 FIRST = (STATE, JOURNAL, CONFIG)
 """Files that a run writes first, after the objects of its domain's plans."""
 LATER = (
@@ -34,6 +36,7 @@ LATER = (
     "weights/step_*.safetensors",
     "figures/regret.*",
     "figures/accuracy.*",
+    f"{LOGS}/*",
 )
 """Files that a run writes later."""
 HOLDER = re.compile(r"process \d+ on \S+")

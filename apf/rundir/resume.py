@@ -13,7 +13,7 @@ from hydra.core.override_parser.types import Quote, QuotedString
 
 from apf.config.values import KEPT_DOMAIN
 from apf.errors import InputError
-from apf.rundir.claim import CONFIG, JOURNAL, LOCK, STATE, TABLES, WORLD_TABLE
+from apf.rundir.claim import CONFIG, JOURNAL, LOCK, LOGS, STATE, TABLES, WORLD_TABLE
 from apf.rundir.kept import read_config, read_state
 
 RESUME = "resume"
@@ -63,8 +63,8 @@ def shut_off(directory: Path) -> None:
     """
     home = directory.resolve()
     sys.path[:] = [entry for entry in sys.path if not _is_inside(Path(entry or "."), home)]
-    names = (CONFIG, STATE, JOURNAL, LOCK, *TABLES, WORLD_TABLE, "run.log", "*.csv", "weights", "figures")
-    for name in (*names, "weights/*", "figures/*", "wandb"):
+    names = (CONFIG, STATE, JOURNAL, LOCK, *TABLES, WORLD_TABLE, "run.log", "*.csv", "weights", "figures", LOGS)
+    for name in (*names, "weights/*", "figures/*", f"{LOGS}/*", "wandb"):
         for path in directory.glob(name):
             if path.is_symlink() and not _is_inside(path, home):
                 raise InputError(f"{path} is a link out of the run directory; put what it points to in its place")

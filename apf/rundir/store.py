@@ -3,6 +3,7 @@
 config.yaml       the resolved config
 run.yaml          name, choices, versions, state, wall time
 journal.jsonl     every plan proposed, every label, correction, training and evaluation, in the order they came
+logs/             12.mcap: what happened in plan 12, if the world logs anything
 weights/          step_0010.safetensors: the ensemble at each evaluated step
 plans.parquet, regret.parquet, accuracy.parquet, evaluation_plans.parquet
                   the journal as tables, when it has grown by a tenth, and at the end
@@ -21,7 +22,7 @@ import pandas as pd
 from apf.domain import UNOBSERVED, Domain, Labelled, Outcome, Scored
 from apf.errors import InputError
 from apf.rundir.chosen import ChosenPlan
-from apf.rundir.claim import STATE
+from apf.rundir.claim import LOGS, STATE
 from apf.rundir.evaluations import Evaluations, Execution
 from apf.rundir.files import checksum, make_folder, remove_unfinished, replacing
 from apf.rundir.journal import HEADER, End, Journal, Record
@@ -289,6 +290,12 @@ class Store:
         encoded = self.domain.encode(plan, evaluation=True)[0]
         labels = symbols_of(outcome.labels)
         self._append("reward", **execution._asdict(), plan=encoded, labels=labels, report=outcome.report)
+
+    def log_of(self, plan: int | Execution) -> Path:
+        """Where a world may log what happens in a plan of the experiment, by its number, or of an evaluation."""
+        if isinstance(plan, int):
+            return self.directory / LOGS / f"{plan}"
+        return self.directory / LOGS / f"step_{plan.step}_{plan.task}_{plan.problem}_{plan.world}"
 
     def record_evaluation(
         self,

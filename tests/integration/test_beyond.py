@@ -8,7 +8,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from analysis.plot_beyond import ALL, interval, mean_curves, plot
+from analysis.intervals import over_runs
+from analysis.plot_beyond import ALL, mean_curves, plot
 from apf.report.figures import Words
 from integration.command_line import ANALYSIS
 
@@ -39,9 +40,9 @@ def test_means_are_over_problems_then_over_tasks_then_over_runs() -> None:
 
 def test_an_interval_covers_the_mean_as_often_as_it_says() -> None:
     rng = np.random.default_rng(0)
-    found = [interval(rng.normal(size=16)) for _ in range(300)]
+    found = [over_runs(rng.normal(size=16)) for _ in range(300)]
     assert 0.88 < np.mean([low < 0 < high for low, high in found]) < 0.98
-    assert all(np.isnan(interval(np.array([0.3]))))
+    assert all(np.isnan(over_runs(np.array([0.3]))))
 
 
 def test_a_group_that_labelled_nothing_is_a_line_at_its_mean() -> None:

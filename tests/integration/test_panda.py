@@ -33,8 +33,10 @@ def reports(run: Path) -> list[tuple[int, dict]]:
 
 @pytest.mark.slow
 def test_a_killed_run_ends_as_one_that_was_not(tmp_path: Path) -> None:
+    """The one that was not keeps a log of each tower that the robot builds, too."""
     whole, stopped = tmp_path / "whole", tmp_path / "stopped"
-    result = spawn(["-m", "apf.main", *ROBOT, f"hydra.run.dir={whole}"], cwd=tmp_path).must_work()
+    result = spawn(["-m", "apf.main", *ROBOT, "world.log=motion", f"hydra.run.dir={whole}"], cwd=tmp_path).must_work()
+    assert {path.name for path in (whole / "logs").iterdir()} == {"8.mcap", "9.mcap", "10.mcap"}
     assert "argv[0]" not in result.out + result.err
     assert "world: pick_and_places" in result.err
     assert [tower for tower, _ in reports(whole)] == [8, 9, 10], "the first eight are labelled in the noisy world"
@@ -94,6 +96,7 @@ def test_the_config_says_what_the_classes_do() -> None:
     rest = {"initial", "cameras"}
     assert set(values) - {"_target_", "defaults", *rest} == set(world.__dataclass_fields__) - {
         "_open",
+        "_logs",
         "reality",
         "flaws",
         *rest,
@@ -135,10 +138,11 @@ def tower_file(here: Path, graspable: BlockSet) -> Path:
 
 @pytest.mark.slow
 def test_a_film_and_its_stills(tower_file: Path, here: Path) -> None:
-    small = ("camera.width=64", "camera.height=48", "camera.fps=5")
+    small = ("camera.width=64", "camera.height=48", "camera.fps=5", "log=film.mcap", "world.log=motion")
     result = call(f"tower={tower_file}", "out=film.mp4", *small, command="apf.panda.show").must_work()
     assert result.out == "film.mp4, film.png: stood, labels 1 1\n"
     assert imageio.imread("film.png").shape == (48, 3 * 64, 3)
+    assert Path("film.mcap").read_bytes().startswith(b"\x89MCAP")
     frames = list(imageio.get_reader("film.mp4").iter_data())
     assert len(frames) > 20
     assert np.ptp(frames[0]) > 50, "there is something to see"
@@ -149,6 +153,7 @@ def test_a_film_and_its_stills(tower_file: Path, here: Path) -> None:
     ("arguments", "words"),
     [
         (("out=film.avi",), ("film.avi", ".mp4 or .gif")),
+        (("log=film.bag",), ("log=film.bag", ".mcap")),
         (("number=2",), ("number=2", "2 towers")),
         (("number=1",), ("block", "from the robot; it reaches")),
         (("tower=none.csv",), ("none.csv", "no such file")),

@@ -1,4 +1,4 @@
-"""analysis/plot_model.py: what an ensemble believes, whether its chances hold, and what was tried."""
+"""analysis/plot_model.py and film_model.py: what an ensemble believes, whether its chances hold, what was tried."""
 
 import sys
 from pathlib import Path
@@ -7,7 +7,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 import pytest
+from PIL import Image
 
+from analysis import film_model
 from analysis.beliefs import belief, towers_over_offsets
 from analysis.plot_model import chances_of, draw_scores, draw_tried, main, model_figure, tried
 from apf.errors import InputError
@@ -149,3 +151,34 @@ def test_who_does_not_learn_believes_nothing(here: Path) -> None:
     (found,), _ = find_runs([here / "run"])
     with pytest.raises(InputError, match="keeps no weights: its predictor does not learn"):
         model_figure(found, None)
+
+
+def test_a_film_has_a_picture_for_each_ensemble(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "argv", ["film_model.py", str(run), "--out", "new/learning.gif"])
+    film_model.main()
+    with Image.open("new/learning.gif") as film:
+        assert film.n_frames == 2  # type: ignore[attr-defined]
+        assert film.size == (700, 250)
+
+
+def test_regret_of_a_film_is_the_mean_over_tasks_and_problems(run: Path) -> None:
+    (found,), _ = find_runs([run])
+    table = pd.read_parquet(run / "regret.parquet")
+    regret, world = film_model.regret_of(found)
+    assert world == "noisy"
+    for step in (1, 2):
+        rows = table[(table["world"] == "noisy") & (table["step"] == step)]
+        assert regret["regret"][step] == pytest.approx(rows["regret"].mean(), nan_ok=True)
+        assert regret["plans"][step] == rows["plans"].iloc[0]
+
+
+def test_a_film_of_what_cannot_be_shown_is_refused(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    call(*TINY, "domain=packing", "hydra.run.dir=run").must_work()
+    for arguments, words in (
+        (["run"], "error: run is a run of PackingDomain; the maps are of towers"),
+        (["run", "--out", "film.mp4"], r"error: --out film.mp4: it must end in .gif"),
+        (["nowhere"], "error: nowhere: no such directory"),
+    ):
+        monkeypatch.setattr(sys, "argv", ["film_model.py", *arguments])
+        with pytest.raises(SystemExit, match=words):
+            film_model.main()

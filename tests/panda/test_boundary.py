@@ -15,7 +15,7 @@ from apf.panda.hardware import Refused
 from apf.towers import BlockSet, Towers
 
 ROOM = Path(apf.panda.__file__).parent
-MIND = ("robot", "builder", "planner", "stations", "motion", "tasks", "vision/eyes", "vision/detection")
+MIND = ("robot", "builder", "planner", "stations", "motion", "tasks", "vision/eyes", "vision/detection", "vision/watch")
 """Modules that decide what the robot does, and what the labels are."""
 TRUTH = {"client", "pose_of", "state", "drawn", "photographer", "getBaseVelocity"}
 """Attributes by which reality could be read."""
@@ -123,7 +123,7 @@ def test_what_falls_at_once_is_seen(world: PandaWorld, graspable: BlockSet, knoc
 
 @pytest.mark.slow
 def test_cameras_that_answer_nothing_for_a_while(
-    world: PandaWorld, graspable: BlockSet, monkeypatch: pytest.MonkeyPatch
+    world: PandaWorld, graspable: BlockSet, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """One of the cameras beside the table is dead; the one on the hand misses every third image."""
     assert world.builder
@@ -138,6 +138,7 @@ def test_cameras_that_answer_nothing_for_a_while(
     outcome = world.attempt(two_or_three(graspable, 2), np.random.default_rng(0))
     assert outcome.report is not None
     assert outcome.labels[0] == 1
+    assert capsys.readouterr().err.count("camera left does not answer") == 1, "once"
 
 
 @pytest.mark.slow

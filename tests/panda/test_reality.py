@@ -77,7 +77,7 @@ def test_one_seed_one_result(make: Make, graspable: BlockSet) -> None:
 def test_the_arm_goes_where_it_is_told(make: Make) -> None:
     reality, speed = make(), 1.0
     places = []
-    reality.on_step = lambda reality: places.append(reality.state().joints)
+    reality.on_step.append(lambda reality: places.append(reality.state().joints))
     reality.follow(np.array([(REST + SOMEWHERE) / 2, SOMEWHERE]), speed)
     np.testing.assert_allclose(reality.joints(), SOMEWHERE, atol=5e-4)
     np.testing.assert_allclose(reality.state().hand, forward(SOMEWHERE), atol=1e-3)

@@ -407,6 +407,9 @@ def test_one_block_is_estimated_as_it_is_among_all(stage: Stage) -> None:
         alone = stage.eyes.estimate(images, stage.places(), expected, only=block)
         others = np.arange(4) != block
         for name, values in vars(alone).items():
+            if name == "doubled":
+                assert values == ()
+                continue
             np.testing.assert_array_equal(values[block], vars(whole)[name][block], err_msg=name)
         assert not alone.seen[others].any()
         assert np.isnan(alone.poses[others]).all()

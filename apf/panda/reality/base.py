@@ -24,8 +24,8 @@ class Reality(Hardware, Person, Protocol):
     """A simulated robot and its table: hardware for the robot, and for the world what only a simulation has."""
 
     photographer: Photographer
-    on_step: Callable[[Any], None] | None
-    """Called after every step, e.g. to film."""
+    on_step: list[Callable[[Any], None]]
+    """Called after every step, with this reality, e.g. to film."""
     steps: int
     """Since the scene was built."""
 

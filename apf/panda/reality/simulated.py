@@ -38,7 +38,7 @@ class Simulated(ABC):
     def __init__(self, arm: Arm, photographer: Photographer, rate: int) -> None:
         self.arm, self.photographer, self.rate = arm, photographer, rate
         self.steps = 0
-        self.on_step: Callable[[Any], None] | None = None
+        self.on_step: list[Callable[[Any], None]] = []
         """Called after every step, e.g. to film."""
         self._held: int | None = None
 
@@ -66,8 +66,8 @@ class Simulated(ABC):
         for _ in range(n):
             self._step()
             self.steps += 1
-            if self.on_step is not None:
-                self.on_step(self)
+            for call in self.on_step:
+                call(self)
 
     @abstractmethod
     def put(self, index: int, where: np.ndarray) -> None:

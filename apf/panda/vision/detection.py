@@ -1,5 +1,7 @@
 """Markers in an image."""
 
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -33,17 +35,25 @@ def detect(image: np.ndarray, blocks: int) -> list[Detection]:
 
     A number that is seen twice is a misreading, or a marker that was printed twice: it is left out.
     """
+    return sorted_out(detect_all(image, blocks))[0]
+
+
+def sorted_out(found: Sequence[Detection]) -> tuple[list[Detection], list[Detection]]:
+    """The markers that were found once, and those that were found more often."""
+    times = Counter((each.block, each.face) for each in found)
+    once = [each for each in found if times[each.block, each.face] == 1]
+    return once, [each for each in found if times[each.block, each.face] > 1]
+
+
+def detect_all(image: np.ndarray, blocks: int) -> list[Detection]:
+    """As `detect`, with what is seen twice."""
     corners, numbers, _ = _detector().detectMarkers(image)
     if numbers is None:
         return []
     places = refined(image, np.reshape(corners, (-1, 4, 2)).astype(float))
     found = [int(number) for number in numbers.ravel()]
     order = sorted(range(len(found)), key=lambda i: found[i])
-    return [
-        Detection(*divmod(found[i], FACES), places[i])
-        for i in order
-        if found.count(found[i]) == 1 and found[i] < FACES * blocks
-    ]
+    return [Detection(*divmod(found[i], FACES), places[i]) for i in order if found[i] < FACES * blocks]
 
 
 def drawn(image: np.ndarray, detections: list[Detection], names: tuple[str, ...]) -> np.ndarray:

@@ -1,6 +1,6 @@
 """Where blocks are, from the images of several cameras together: one estimate joins all faces and all cameras."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -8,8 +8,8 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from apf.panda.geometry import angle, inverse, pose
-from apf.panda.vision.cameras import Camera
-from apf.panda.vision.detection import detect
+from apf.panda.vision.cameras import Camera, projected
+from apf.panda.vision.detection import Detection, detect_all, sorted_out
 from apf.panda.vision.markers import marker_corners, marker_poses, marker_sides
 from apf.towers import BlockSet
 
@@ -24,13 +24,26 @@ UNSURE = 2.0
 
 
 @dataclass(frozen=True, eq=False)
+class Doubled:
+    """A marker that one camera saw more than once, in one image: it was left out.
+
+    camera: Its name. block, face: Whose marker it is. on: The blocks that it is on; None: on none that is seen.
+    """
+
+    camera: str
+    block: int
+    face: int
+    on: tuple[int | None, ...]
+
+
+@dataclass(frozen=True, eq=False)
 class Sighting:
     """What was seen of B blocks.
 
     poses: [B, 4, 4] in the robot's frame; NaN where a block was not seen. seen: [B] bool. residual: [B] how well the
     markers fit [pixels, root mean square]. markers: [B] how many were used. surprise: [B] how far the markers that are
     seen are from where they would be if the block were where it was expected [pixels, median over markers]; NaN where
-    nothing was expected or seen.
+    nothing was expected or seen. doubled: markers that were seen twice in one image.
     """
 
     poses: np.ndarray
@@ -38,6 +51,7 @@ class Sighting:
     residual: np.ndarray
     markers: np.ndarray
     surprise: np.ndarray
+    doubled: tuple[Doubled, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,12 +101,14 @@ class Eyes:
             ValueError: An image is not of the camera's size, or not of bytes.
         """
         views: list[list[_View]] = [[] for _ in range(len(self.blocks))]
+        doubled: dict[str, list[Detection]] = {}
         for name, image in images.items():
             camera = self.cameras[name]
             if image.shape != (camera.height, camera.width) or image.dtype != np.uint8:
                 what = f"image is {image.shape} {image.dtype}"
                 raise ValueError(f"camera {name}: its {what}; it must be {(camera.height, camera.width)} uint8")
-            for each in detect(image, len(self.blocks)):
+            once, doubled[name] = sorted_out(detect_all(image, len(self.blocks)))
+            for each in once:
                 if only is not None and each.block != only:
                     continue
                 points = self._corners[each.block][each.face]
@@ -100,13 +116,33 @@ class Eyes:
         found = [
             self._locate(block, seen, None if expected is None else expected[block]) for block, seen in enumerate(views)
         ]
+        poses = np.array([where for where, _, _ in found]).reshape(-1, 4, 4)
         return Sighting(
-            np.array([where for where, _, _ in found]).reshape(-1, 4, 4),
+            poses,
             np.array([n > 0 for _, _, n in found], bool),
             np.array([residual for _, residual, _ in found], float),
             np.array([n for _, _, n in found], int),
             np.array([_surprise(expected, block, seen) for block, seen in enumerate(views)], float),
+            tuple(each for name, twice in doubled.items() for each in self._doubled(name, twice, places[name], poses)),
         )
+
+    def _doubled(
+        self, name: str, twice: Sequence[Detection], place: np.ndarray, poses: np.ndarray
+    ) -> Iterator[Doubled]:
+        """Each marker that a camera at a place [4, 4] saw twice, and the blocks at poses [B, 4, 4] that it is on."""
+        for block, face in dict.fromkeys((each.block, each.face) for each in twice):
+            on = [self._bearer(name, each, place, poses) for each in twice if (each.block, each.face) == (block, face)]
+            yield Doubled(name, block, face, tuple(on))
+
+    def _bearer(self, name: str, marker: Detection, place: np.ndarray, poses: np.ndarray) -> int | None:
+        """The block of which a face is seen where the marker is; None: no block that is seen has one there."""
+        off = np.full(len(poses), np.inf)
+        for block in np.flatnonzero(~np.isnan(poses[:, 0, 0])):
+            points = self._corners[block] @ poses[block, :3, :3].T + poses[block, :3, 3]
+            pixels = projected(points, place, self.cameras[name].intrinsics)
+            turned = [np.roll(pixels, turn, axis=1) for turn in range(4)]  # another marker may be pasted on at any turn
+            off[block] = np.linalg.norm(np.array(turned) - marker.corners, axis=-1).mean(-1).min()
+        return int(off.argmin()) if off.min() < OUTLIER else None
 
     def _locate(self, block: int, views: Sequence[_View], expected: np.ndarray | None) -> tuple[np.ndarray, float, int]:
         """Pose, residual and number of markers used; NaN, infinity and 0 if the block is not seen."""

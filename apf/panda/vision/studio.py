@@ -19,6 +19,9 @@ NEAR, FAR = 0.02, 4.0
 BACKGROUND, TABLE = 200, 174
 """Brightness of what is empty, and of the table's top in this light."""
 
+UNSEEN = (*WOOD[:3], 0)
+"""Colour of the table where the renderer leaves it out."""
+
 
 @cache
 def _directory() -> tempfile.TemporaryDirectory:
@@ -40,7 +43,7 @@ class Studio(Scene):
             self._number += 1
             self.build(blocks, self.layout.home_poses(blocks.dims))
             # the renderer needs more time for the large, plain table than for all else, so it is drawn here
-            self.client.changeVisualShape(self.table, -1, rgbaColor=(*WOOD[:3], 0))
+            self.client.changeVisualShape(self.table, -1, rgbaColor=UNSEEN)
 
     def _visual(self, index: int) -> int:
         assert self.blocks is not None
