@@ -1,299 +1,151 @@
 """The paper's claims about its simulated evaluation, each with the statistic that decides it, as a table.
 
-    python analysis/claims.py results/runs --notes results/notes.yaml --out results/claims.csv
+    python analysis/claims.py results/runs --notes results/notes.yaml
+    python analysis/claims.py paper=runs/paper published=runs/published default=results/runs
 
 A statistic's interval holds the middle 95 % of a bootstrap over runs and problems. A claim holds if the whole interval
-is on its side of the bound, fails if all of it is on the other side, and is undecided otherwise.
+is on its side of the bound, fails if all of it is on the other side, and is undecided otherwise; `needed` says how many
+runs of each would decide. Runs that were evaluated otherwise than `sweeps/protocol.yaml` says decide nothing. Each NAME
+has columns of its own. The table is written as OUT.csv, and for reading as OUT.md.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from functools import partial
+import os
+import re
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from analysis import measures as m
-from analysis.commands import finished_runs, one_line_errors, parser_of
-from analysis.evidence import Evidence, MissingError
+from analysis.commands import by_name, finished_runs, named, one_line_errors, parser_of
+from analysis.evidence import Evidence
+from analysis.statements import CLAIMS
+from analysis.verdicts import DECIDED
 from apf.errors import InputError
 from apf.rundir.files import read_yaml
 
-COLUMNS = ["claim", "paper", "statistic", "value", "low", "high", "runs", "verdict", "note"]
-ANALYTIC, SIMULATION = "predictor analytic", "predictor simulation"
-HARD = ("overhang", "unsupported")
-ENOUGH = 2
-"""Runs of what learns, at least, without which nothing is decided."""
+COLUMNS = ["claim", "section", "statistic"]
+"""What a row says of the claim itself. `DECIDED` follow, for each name."""
+READING = (
+    "# The paper's claims, decided",
+    "",
+    "Evidence: a number, its 95 % interval over runs and problems, and what the number should be if the claim is true.",
+    "A claim holds, or fails, if the whole interval says so; otherwise it is undecided. Made by `analysis/claims.py`.",
+    "",
+)
+"""What the table for reading begins with."""
 
 
-@dataclass(frozen=True)
-class Claim:
-    """A claim, and what decides it: `measure`, what `statistic` says in words, above or below a bound.
+def table_of_claims(evidence: Mapping[str, Evidence], draws: int) -> pd.DataFrame:
+    """One row for each claim: `COLUMNS`, then `DECIDED` for each name, as NAME.value; without NAME for the empty name.
 
-    names: whose runs decide it.
+    Args:
+        evidence: By name.
+        draws: Bootstrap samples.
     """
-
-    text: str
-    statistic: str
-    names: tuple[str, ...]
-    measure: Callable[[Evidence], float]
-    above: float | None = None
-    below: float | None = None
-
-    @property
-    def rule(self) -> str:
-        """The statistic and its bound."""
-        return f"{self.statistic} > {self.above:g}" if self.above is not None else f"{self.statistic} < {self.below:g}"
-
-    def decide(self, evidence: Evidence, draws: int, rng: np.random.Generator) -> dict[str, object]:
-        """Value, interval, number of runs, verdict and note: the columns of the table from `value` on.
-
-        Args:
-            evidence: What the runs say.
-            draws: Bootstrap samples.
-            rng: The source of all draws.
-        """
-        runs = " + ".join(str(len(evidence.runs.get(name, ()))) for name in self.names)
-        try:
-            value = self.measure(evidence)
-        except MissingError as missing:
-            nothing = dict.fromkeys(("value", "low", "high"), np.nan)
-            return {**nothing, "runs": runs, "verdict": "undecided", "note": str(missing)}
-        low, high = np.nanquantile([self.measure(evidence.drawn(rng)) for _ in range(draws)], [0.025, 0.975])
-        few = [name for name in self.names if name not in (ANALYTIC, SIMULATION) and len(evidence.runs[name]) < ENOUGH]
-        verdict = "undecided" if few else self.verdict(low, high)
-        note = f"too few runs of {', '.join(few)} to tell how much they differ" if few else ""
-        return {"value": value, "low": low, "high": high, "runs": runs, "verdict": verdict, "note": note}
-
-    def verdict(self, low: float, high: float) -> str:
-        """Does the claim hold, if its statistic is somewhere from low to high?"""
-        if self.above is not None:
-            return "holds" if low > self.above else "fails" if high < self.above else "undecided"
-        bound = self.below if self.below is not None else np.inf
-        return "holds" if high < bound else "fails" if low > bound else "undecided"
+    rngs = {name: np.random.default_rng(0) for name in evidence}
+    rows = []
+    for section, claims in CLAIMS.items():
+        for claim in claims:
+            row: dict[str, object] = {"claim": claim.text, "section": section, "statistic": claim.rule}
+            for name, of_name in evidence.items():
+                decision = claim.decide(of_name, draws, rngs[name])
+                row |= {column_of(name, key): decision[key] for key in DECIDED}
+            rows.append(row)
+    return pd.DataFrame(rows)
 
 
-STRATEGY = [
-    Claim(
-        "1. Sequential brings regret on tallest near its floor after about 200 towers",
-        "median regret at 200 towers less that at the end",
-        ("sequential",),
-        partial(m.above_floor, who="sequential", task="tallest"),
-        below=0.05,
-    ),
-    Claim(
-        "2. Incremental does so with the least variance between runs",
-        "standard deviation over runs of mean regret from 200 towers on, as a share of the least of the others'",
-        m.STRATEGIES,
-        partial(m.relative_variance, who="incremental"),
-        below=1.0,
-    ),
-    *(
-        Claim(
-            f"3. Complete has far wider quartiles than sequential ({task})",
-            "distance of the quartiles from 200 towers on, complete less sequential",
-            ("complete", "sequential"),
-            partial(m.wider, who="complete", than="sequential", task=task),
-            above=0.1,
-        )
-        for task in HARD
-    ),
-    *(
-        Claim(
-            f"3. The upper quartile of complete reaches 1 ({task})",
-            "largest upper quartile of regret from 200 towers on",
-            ("complete",),
-            partial(m.upper_quartile, who="complete", task=task),
-            above=0.99,
-        )
-        for task in HARD
-    ),
-    *(
-        Claim(
-            f"4. Greedy is worst ({task})",
-            "mean regret less that of the worst other strategy",
-            m.STRATEGIES,
-            partial(m.worse_than_others, who="greedy", task=task),
-            above=0.0,
-        )
-        for task in m.TASKS
-    ),
-    Claim(
-        "4. Greedy is not yet decent on tallest at 400 towers",
-        "median regret at 400 towers",
-        ("greedy",),
-        partial(m.median_regret, who="greedy", task="tallest", towers=400),
-        above=0.25,
-    ),
-    Claim(
-        "4. Greedy is decent on tallest at 800 towers",
-        "median regret at 800 towers",
-        ("greedy",),
-        partial(m.median_regret, who="greedy", task="tallest", towers=800),
-        below=0.25,
-    ),
-    *(
-        Claim(
-            f"5. {task.capitalize()} is harder than tallest",
-            "mean regret of sequential, less that on tallest",
-            ("sequential",),
-            partial(m.harder, task=task, than="tallest", who="sequential"),
-            above=0.0,
-        )
-        for task in HARD
-    ),
-    *(
-        Claim(
-            f"5. Sequential ends with low regret ({task})",
-            "median regret at the end",
-            ("sequential",),
-            partial(m.median_regret, who="sequential", task=task),
-            below=0.2,
-        )
-        for task in HARD
-    ),
-]
-RANDOM = [
-    Claim(
-        f"{number}. {one.capitalize()} beats {other}",
-        "mean regret of the latter less that of the former",
-        (one, other),
-        partial(m.less_regret, who=one, than=other),
-        above=0.0,
-    )
-    for number, one, other in (
-        (6, "sequential", "random_ss"),
-        (6, "incremental", "random_ss"),
-        (6, "random_ss", "greedy"),
-        (7, "complete", "random_comp"),
-    )
-]
-MODEL = [
-    *(
-        Claim(
-            f"8. {one.upper()} {verb} {other.upper()}",
-            f"accuracy on 2 to 5 blocks over all evaluations, {one.upper()} less {other.upper()}",
-            (one, other),
-            partial(m.ahead, who=one, of=other),
-            above=0.0,
-        )
-        for one, verb, other in (
-            ("tgn", "beats", "lstm"),
-            ("fcgn", "beats", "lstm"),
-            ("tgn", "learns faster than", "fcgn"),
-        )
-    ),
-    Claim(
-        "8. TGN's lead over LSTM grows with length",
-        "lead on 5 to 7 blocks less lead on 2, at the end",
-        ("tgn", "lstm"),
-        partial(m.lead_grows, who="tgn", of="lstm"),
-        above=0.0,
-    ),
-    Claim(
-        "8. FCGN catches up",
-        "accuracy on 2 to 5 blocks at the end, TGN less FCGN",
-        ("tgn", "fcgn"),
-        partial(m.ahead, who="tgn", of="fcgn", only_end=True),
-        below=0.03,
-    ),
-    *(
-        Claim(
-            f"9. TGN trained on up to 5 blocks generalises to {length}",
-            f"accuracy on 5 blocks less that on {length}, at the end",
-            ("tgn",),
-            partial(m.lost_on, who="tgn", length=length),
-            below=0.1,
-        )
-        for length in (6, 7)
-    ),
-]
-PREDICTOR = [
-    *(
-        Claim(
-            f"10. Analytic plans have high value if they stand ({task})",
-            "median regret in the world without noise",
-            (ANALYTIC,),
-            partial(m.median_regret, who=ANALYTIC, task=task),
-            below=0.01,
-        )
-        for task in m.TASKS
-    ),
-    *(
-        Claim(
-            f"10. Analytic plans fall often in the noisy world ({task})",
-            "share that stands",
-            (ANALYTIC,),
-            partial(m.standing, who=ANALYTIC, tasks=(task,)),
-            below=0.75,
-        )
-        for task in m.TASKS
-    ),
-    Claim(
-        "10. Learned plans stand oftener than analytic ones",
-        "share that stands in the noisy world, learned (sequential) less analytic",
-        ("sequential", ANALYTIC),
-        partial(m.stands_oftener, who="sequential", than=ANALYTIC),
-        above=0.0,
-    ),
-    Claim(
-        "10. Learned plans stand as often as simulated-noise ones, or oftener",
-        "share that stands in the noisy world, learned (sequential) less simulation",
-        ("sequential", SIMULATION),
-        partial(m.stands_oftener, who="sequential", than=SIMULATION),
-        above=-0.03,
-    ),
-]
-CLAIMS = {
-    "Impact of Sampling Strategy": STRATEGY,
-    "appendix, Supervised vs Active Learning": RANDOM,
-    "Model Architecture and Generalization": MODEL,
-    "Real Robot Experiments, here in noisy simulation": PREDICTOR,
-}
-"""By the section of the paper that makes them."""
+def column_of(name: str, key: str) -> str:
+    """The column of a name."""
+    return f"{name}.{key}" if name else key
 
 
-def table_of_claims(evidence: Evidence, draws: int) -> pd.DataFrame:
-    """One row for each claim, in COLUMNS."""
-    rng = np.random.default_rng(0)
-    rows = [
-        {"claim": claim.text, "paper": section, "statistic": claim.rule, **claim.decide(evidence, draws, rng)}
-        for section, claims in CLAIMS.items()
-        for claim in claims
-    ]
-    return pd.DataFrame(rows, columns=COLUMNS)
-
-
-def add_notes(table: pd.DataFrame, path: Path) -> None:
+def add_notes(table: pd.DataFrame, path: Path, name: str = "") -> None:
     """Put what is known about claims, a YAML file of notes by claim, into the table.
 
-    Raises InputError for a claim that is not in the table.
+    Args:
+        table: Of `table_of_claims`.
+        path: The file.
+        name: Whose notes these are.
+
+    Raises:
+        InputError: There is no such claim or name in the table.
     """
-    notes = read_yaml(path)
+    notes, column = read_yaml(path), column_of(name, "note")
+    if column not in table:
+        raise InputError(f"--notes {path}: there are no runs of that name; write NAME=FILE, as with the runs")
     for claim, note in notes.items():
         rows = table["claim"] == claim
         if not rows.any():
             raise InputError(f"{path}: no such claim: {claim}")
-        table.loc[rows, "note"] = [f"{missing}; {note}" if missing else note for missing in table.loc[rows, "note"]]
+        table.loc[rows, column] = [f"{missing}; {note}" if missing else note for missing in table.loc[rows, column]]
+
+
+def markdown(table: pd.DataFrame, names: Sequence[str]) -> str:
+    """The table for reading: claim, answer and evidence.
+
+    Args:
+        table: Of `table_of_claims`.
+        names: Of the groups of runs in it.
+    """
+    lines = [*READING]
+    for section in dict.fromkeys(table["section"]):
+        heads = [f"{name}: {head}" if name else head for name in names for head in ("answer", "evidence")]
+        lines += [
+            f"## {section[0].upper()}{section[1:]}",
+            "",
+            _line(["claim", *heads]),
+            _line(["---"] * (len(heads) + 1)),
+        ]
+        for _, row in table[table["section"] == section].iterrows():
+            cells = [(row[column_of(name, "verdict")], _evidence(row, name)) for name in names]
+            lines.append(_line([row["claim"], *(text for cell in cells for text in cell)]))
+        lines.append("")
+    return "\n".join(lines)
+
+
+def _evidence(row: pd.Series, name: str) -> str:
+    """What was measured, with its interval, what it should be, of how many runs, and what else is known."""
+    value, low, high, runs, _, needed, note = (row[column_of(name, key)] for key in DECIDED)
+    statistic, sign, bound = re.split(" ([<>]) (?=[^<>]*$)", row["statistic"])
+    measured = f"{statistic}: {value:z.2f} ({low:z.2f} to {high:z.2f}), should be {sign} {bound}"
+    counted = f"{runs} run{'s' * (runs != '1')}" + (f", {needed} of each would decide" if needed else "")
+    return "; ".join([measured, counted] * bool(pd.notna(value)) + [str(note)] * bool(note))
+
+
+def _line(cells: Sequence[object]) -> str:
+    return "| " + " | ".join(str(cell).replace("|", "\\|") for cell in cells) + " |"
 
 
 def main() -> None:
     """Write the table of claims for the runs on the command line."""
-    parser = parser_of(__doc__)
-    parser.add_argument("--out", type=Path, default=Path("claims.csv"), help="CSV to write (default: %(default)s)")
-    parser.add_argument("--notes", type=Path, help="YAML file with notes by claim, for the last column")
+    parser = parser_of(__doc__, names="optional")
+    parser.add_argument("--out", type=Path, help="CSV to write (default: claims.csv in the common folder of the DIRs)")
+    parser.add_argument(
+        "--notes", action="append", default=[], metavar="[NAME=]FILE", help="YAML file with notes by claim"
+    )
     parser.add_argument("--draws", type=int, default=1000, help="bootstrap samples (default: %(default)s)")
     arguments = parser.parse_args()
     with one_line_errors():
-        table = table_of_claims(Evidence.of(finished_runs(arguments.directories)), arguments.draws)
-        if arguments.notes:
-            add_notes(table, arguments.notes)
-        arguments.out.parent.mkdir(parents=True, exist_ok=True)
-        table.to_csv(arguments.out, index=False, float_format="%.3f")
-    for verdict, claim in zip(table["verdict"], table["claim"]):
-        print(f"{verdict:10} {claim}")
-    print(arguments.out)
+        folders = by_name(arguments.directories)
+        evidence = {name: Evidence.of(finished_runs(of_name)) for name, of_name in folders.items()}
+        table = table_of_claims(evidence, arguments.draws)
+        for text in arguments.notes:
+            name, path = named(text, optional=True)
+            add_notes(table, path, name)
+        out = arguments.out or common_folder([path for of_name in folders.values() for path in of_name]) / "claims.csv"
+        out.parent.mkdir(parents=True, exist_ok=True)
+        table.to_csv(out, index=False, float_format="%.3f")
+        out.with_suffix(".md").write_text(markdown(table, list(folders)), encoding="utf-8")
+    print(*(f"{name or 'verdict':10}" for name in folders), "claim")
+    for row in table.to_dict("records"):
+        print(*(f"{row[column_of(name, 'verdict')]:10}" for name in folders), row["claim"])
+    print(out, out.with_suffix(".md"), sep="\n")
+
+
+def common_folder(directories: Sequence[Path]) -> Path:
+    """The folder that holds all of these: of a single one, this itself."""
+    return Path(os.path.commonpath([directory.resolve() for directory in directories]))
 
 
 if __name__ == "__main__":

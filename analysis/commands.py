@@ -5,7 +5,7 @@ import contextlib
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import pandas as pd
 
@@ -16,11 +16,46 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def parser_of(doc: str | None) -> argparse.ArgumentParser:
-    """A parser of a command line that begins with directories."""
+def parser_of(doc: str | None, names: Literal["none", "optional", "needed"] = "none") -> argparse.ArgumentParser:
+    """A parser of a command line that begins with directories.
+
+    Args:
+        doc: What --help prints.
+        names: May, or must, a directory have a name, NAME=DIR? Then `directories` are texts, for `by_name`.
+    """
     parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("directories", nargs="+", type=Path, metavar="DIR", help="a run, or a folder that holds runs")
+    metavar = {"none": "DIR", "optional": "[NAME=]DIR", "needed": "NAME=DIR"}[names]
+    said = "a run, or a folder that holds runs" + ("" if names == "none" else "; those of one NAME make one group")
+    parser.add_argument("directories", nargs="+", type=Path if names == "none" else str, metavar=metavar, help=said)
     return parser
+
+
+def named(text: str, optional: bool = False) -> tuple[str, Path]:
+    """The name and the path of NAME=PATH. Raises InputError if it is no such text.
+
+    Args:
+        text: Of the command line.
+        optional: A path alone has the empty name?
+    """
+    name, _, path = text.partition("=")
+    if optional and ("=" not in text or Path(text).exists()):
+        return "", Path(text)
+    if not name or not path:
+        raise InputError(f"{text}: write NAME=DIR, e.g. 'Search=runs/beyond'")
+    return name, Path(path)
+
+
+def by_name(texts: Sequence[str], optional: bool = True) -> dict[str, list[Path]]:
+    """Directories by their name, in the order of the command line. Raises InputError as `named` does.
+
+    Args:
+        texts: NAME=DIR of the command line.
+        optional: A DIR alone has the empty name?
+    """
+    found: dict[str, list[Path]] = {}
+    for name, path in (named(text, optional) for text in texts):
+        found.setdefault(name, []).append(path)
+    return found
 
 
 def finished_runs(directories: Sequence[Path]) -> list[Run]:

@@ -8,7 +8,7 @@ import pandas as pd
 
 from analysis.commands import finished_runs, one_line_errors, parser_of
 from apf.errors import InputError
-from apf.report.figures import Words, save
+from apf.report.figures import Words, save, split
 from apf.report.runs import gather
 
 if TYPE_CHECKING:
@@ -49,8 +49,8 @@ def draw(name: str, doc: str, metrics: Mapping[str, Drawing]) -> None:
         if curves.empty:
             raise InputError(f"the runs hold no {metric}: their config asked for none, or no candidate could succeed")
         if arguments.until is not None:
-            first, curves = curves["plans"].min(), curves[curves["plans"] <= arguments.until]
-            if curves.empty:
+            first, curves = split(curves)[0]["plans"].min(), curves[curves["plans"] <= arguments.until]
+            if arguments.until < first:
                 raise InputError(f"--until {arguments.until}: the first evaluation came at {first} plans")
         paths = save(
             metrics[metric].plot(curves, Words.common([run.words for run in runs])),

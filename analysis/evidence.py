@@ -1,7 +1,7 @@
 """Results of finished runs, as arrays from which a bootstrap can draw."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -21,8 +21,8 @@ class MissingError(LookupError):
 class Evidence:
     """Regret, success and accuracy of runs, for comparisons between names. A bootstrap draws from the evidence.
 
-    A name (who) is a sampler, or a predictor that does not learn; in `accuracy`, the name of a model. An evaluation
-    counts only if all runs of a name had that evaluation.
+    A name (who) is a sampler, or a predictor that does not learn; in `accuracy`, the name of a model. What is taken
+    over several evaluations, or at the last one, is taken over those that all runs of a name had.
 
     Attributes:
         regret: By (who, world, task, towers): regret [R, P], and whether the tower stood [R, P], of R runs on P
@@ -30,46 +30,54 @@ class Evidence:
         accuracy: By (model, length, towers): accuracy [R].
         runs: By name: the runs that a bootstrap drew; the same for all figures of that name.
         problems: The problems that a bootstrap drew; the same for all runs.
+        partial: As `regret`, of evaluations that some runs of a name had; NaN in the rows of the others.
+        sources: By name: the runs that the figures come from.
     """
 
     regret: Regrets
     accuracy: Accuracies
     runs: Mapping[str, np.ndarray]
     problems: np.ndarray
+    partial: Regrets = field(default_factory=dict)
+    sources: Mapping[str, Sequence[Run]] = field(default_factory=dict)
 
     @staticmethod
     def of(runs: Sequence[Run]) -> "Evidence":
         """The evidence of finished runs. For samplers the runs of TGN count; for models, the runs of sequential."""
         regret: Regrets = {}
+        partial: Regrets = {}
         accuracy: Accuracies = {}
-        counts: dict[str, int] = {}
-        problems = 0
+        sources: dict[str, Sequence[Run]] = {}
         for who, members in _by(runs, "sampler", model="tgn").items():
-            tables = _tables(members, "regret")
+            sources[who], tables = _tables(members, "regret")
             if not tables:
                 continue
-            counts[who] = len(tables)
             by: Any = pd.concat(tables).groupby(["world", "task", "plans"])
             for (world, task, towers), part in by:
-                values, stood = (part.pivot(index="run", columns="problem", values=c) for c in ("regret", "feasible"))
-                problems = max(problems, values.shape[1])
-                if len(values) == len(tables):
-                    regret[who, world, task, int(towers)] = values.to_numpy(float), stood.to_numpy(float)
+                values, stood = (
+                    part.pivot(index="run", columns="problem", values=column).reindex(range(len(tables)))
+                    for column in ("regret", "feasible")
+                )
+                here = regret if part["run"].nunique() == len(tables) else partial
+                here[who, world, task, int(towers)] = values.to_numpy(float), stood.to_numpy(float)
         for model, members in _by(_comparing(runs, "model"), "model", sampler="sequential").items():
-            tables = _tables(members, "accuracy")
+            sources[model], tables = _tables(members, "accuracy")
             if not tables:
                 continue
-            counts[model] = len(tables)
             by = pd.concat(tables).groupby(["length", "plans"])
             for (length, towers), part in by:
                 if len(part) == len(tables):
                     accuracy[model, int(length), int(towers)] = part["accuracy"].to_numpy()
-        return Evidence(regret, accuracy, {who: np.arange(n) for who, n in counts.items()}, np.arange(problems))
+        sources = {who: of_who for who, of_who in sources.items() if of_who}
+        rows = {who: np.arange(len(of_who)) for who, of_who in sources.items()}
+        problems = max((stood.shape[1] for _, stood in (*regret.values(), *partial.values())), default=0)
+        padded = (_padded(regrets, problems) for regrets in (regret, partial))
+        return Evidence(next(padded), accuracy, rows, np.arange(problems), next(padded), sources)
 
     def drawn(self, rng: np.random.Generator) -> "Evidence":
         """New evidence with as many runs and as many problems, drawn with replacement."""
         runs = {who: rng.choice(rows, len(rows)) for who, rows in self.runs.items()}
-        return Evidence(self.regret, self.accuracy, runs, rng.choice(self.problems, len(self.problems)))
+        return replace(self, runs=runs, problems=rng.choice(self.problems, len(self.problems)))
 
     def regrets(self, who: str, task: str, towers: int, world: str = "analytic") -> np.ndarray:
         """[R, P] normalised regret; NaN on problems without a feasible candidate.
@@ -129,19 +137,51 @@ class Evidence:
             )
         return common
 
+    def count(self, who: str, towers: int | None = None) -> int:
+        """How many runs a name has; how many with an evaluation at so many towers.
+
+        Args:
+            who: A sampler, a predictor that does not learn, or a model.
+            towers: None: all runs.
+        """
+        keys = ((key[0], int(key[-1])) for key in (*self.regret, *self.accuracy))
+        if towers is None or (who, towers) in keys:
+            return len(self.runs.get(who, ()))
+        some = (stood for (name, *_, at), (_, stood) in self.partial.items() if (name, at) == (who, towers))
+        return max((int(_evaluated(stood).sum()) for stood in some), default=0)
+
     def _pick(self, key: tuple[str, str, str, int]) -> tuple[np.ndarray, np.ndarray]:
-        if key not in self.regret:
-            who, world, task, towers = key
+        who, world, task, towers = key
+        found = self.regret.get(key) or self.partial.get(key)
+        if found is None:
             raise MissingError(f"no regret of {who} on {task} at {towers} towers in world {world}")
-        values, stood = self.regret[key]
-        grid = np.ix_(self.runs[key[0]], self.problems)
+        values, stood = found
+        drawn = self.runs[who]
+        if key in self.partial:
+            has = _evaluated(stood)
+            drawn = drawn[has[drawn]] if has[drawn].any() else np.flatnonzero(has)  # a draw may miss all of a few runs
+        grid = np.ix_(drawn, self.problems)
         return values[grid], stood[grid]
 
 
-def _tables(runs: Sequence[Run], name: str) -> list[pd.DataFrame]:
-    """The tables of that name that have rows. A column `run` numbers the tables."""
-    tables = [table for run in runs if len(table := run.table(name))]
-    return [table.assign(run=number) for number, table in enumerate(tables)]
+def _evaluated(stood: np.ndarray) -> np.ndarray:
+    """[R] which runs had an evaluation; stood: [R, P]."""
+    return ~np.isnan(stood).all(axis=1)
+
+
+def _padded(regret: Regrets, problems: int) -> Regrets:
+    """All arrays with so many problems, NaN for those that runs of another protocol lack."""
+
+    def pad(array: np.ndarray) -> np.ndarray:
+        return np.pad(array, ((0, 0), (0, problems - array.shape[1])), constant_values=np.nan)
+
+    return {key: (pad(values), pad(stood)) for key, (values, stood) in regret.items()}
+
+
+def _tables(runs: Sequence[Run], name: str) -> tuple[list[Run], list[pd.DataFrame]]:
+    """The runs whose table of that name has rows, and these tables. A column `run` numbers the tables."""
+    pairs = [(run, table) for run in runs if len(table := run.table(name))]
+    return [run for run, _ in pairs], [table.assign(run=number) for number, (_, table) in enumerate(pairs)]
 
 
 def _comparing(runs: Sequence[Run], group: str) -> Sequence[Run]:
@@ -153,13 +193,17 @@ def _comparing(runs: Sequence[Run], group: str) -> Sequence[Run]:
 
 
 def _by(runs: Sequence[Run], group: str, **others: str) -> dict[str, list[Run]]:
-    """Runs by their choice of a group, if their other choices are `others`. Runs that do not learn: by predictor."""
+    """Runs by their choice of a group, if their other choices are `others`. Runs that do not learn: by predictor.
+
+    An option SWEEP_NAME of the sweep SWEEP is that sweep's way of doing what NAME does, and counts as NAME.
+    """
     found: dict[str, list[Run]] = {}
     for run in runs:
-        predictor = str(run.choices.get("predictor", "learned"))
-        if all(run.choices.get(name) == choice for name, choice in others.items()):
-            if predictor == "learned":
-                found.setdefault(str(run.choices[group]), []).append(run)
+        prefix = f"{run.config.get('sweep')}_"
+        choices = {name: str(choice).removeprefix(prefix) for name, choice in run.choices.items()}
+        if all(choices.get(name) == choice for name, choice in others.items()):
+            if run.learns:
+                found.setdefault(choices[group], []).append(run)
             elif group == "sampler":
-                found.setdefault(f"predictor {predictor}", []).append(run)
+                found.setdefault(f"predictor {choices['predictor']}", []).append(run)
     return found

@@ -142,7 +142,7 @@ def standing(evidence: Evidence, *, who: str, tasks: Sequence[str] = TASKS, worl
         world: Where the chosen towers were built.
     """
     at = last(evidence, who)
-    return float(np.mean([evidence.stood(who, task, at, world).mean() for task in tasks]))
+    return float(np.mean([np.nanmean(evidence.stood(who, task, at, world)) for task in tasks]))
 
 
 def stands_oftener(evidence: Evidence, *, who: str, than: str) -> float:

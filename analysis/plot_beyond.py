@@ -6,17 +6,15 @@ Each argument names a group of finished runs. A group that does not learn, such 
 Regret is that against the best of the random candidates, so that a planner which finds better plans has less than 0.
 """
 
-import argparse
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pandas as pd
 
-from analysis.commands import check_world, finished_runs, one_line_errors
+from analysis.commands import by_name, check_world, finished_runs, one_line_errors, parser_of
 from analysis.intervals import over_runs
-from apf.errors import InputError
-from apf.report.figures import Words, plural, save
+from apf.report.figures import Words, levels_of, plural, save, split
 from apf.report.names import world_of
 from apf.report.panels import Row, draw_rows
 from apf.report.runs import Run, gather
@@ -63,7 +61,7 @@ def plot(curves: pd.DataFrame, words: Words, world: str) -> "Figure":
     """
     tasks = dict.fromkeys(curves["task"])
     titles = {task: words.titles.get(task) or str(task).replace("_", " ").capitalize() for task in tasks}
-    learning = curves[curves["plans"] > 0]
+    learning, still = split(curves)
     limits = (min(0.0, curves["low"].min(), curves["mean"].min()) - 0.03, min(1.0, learning["high"].max()) + 0.03)
     row = Row(
         f"Mean regret, {world_of(world)}",
@@ -71,35 +69,21 @@ def plot(curves: pd.DataFrame, words: Words, world: str) -> "Figure":
         ("mean", "low", "high"),
         limits,
         reference=0.0,
-        levels=levels(curves),
+        levels=levels_of(still, "task", "mean"),
     )
     return draw_rows([row], "task", titles, f"Labelled {plural(words.plan)}")
 
 
-def levels(curves: pd.DataFrame) -> Mapping[str, Mapping[str, float]]:
-    """Mean regret for each task of each group that labelled nothing."""
-    still = curves[curves["plans"] == 0]
-    return {str(group): dict(zip(part["task"], part["mean"])) for group, part in still.groupby("group", sort=False)}
-
-
-def named(text: str) -> tuple[str, Path]:
-    """The name and the folder of NAME=DIR. Raises InputError if it is no such text."""
-    name, _, directory = text.partition("=")
-    if not name or not directory:
-        raise InputError(f"{text}: write NAME=DIR, e.g. 'Search=runs/beyond'")
-    return name, Path(directory)
-
-
-def gathered(groups: Sequence[tuple[str, Path]]) -> tuple[list[Run], pd.DataFrame]:
+def gathered(groups: Mapping[str, Sequence[Path]]) -> tuple[list[Run], pd.DataFrame]:
     """The runs of all groups, and one table of their regret whose column group has the groups' names.
 
     Args:
-        groups: Name and folder of each. Folders of one name make one group.
+        groups: Folders by the name of the group.
     """
     runs: list[Run] = []
     tables = []
-    for name, directory in groups:
-        of_group = finished_runs([directory])
+    for name, directories in groups.items():
+        of_group = finished_runs(directories)
         table = gather(of_group, "regret").assign(group=name)
         tables.append(table.assign(run=table["run"] + len(runs)))
         runs += of_group
@@ -108,13 +92,12 @@ def gathered(groups: Sequence[tuple[str, Path]]) -> tuple[list[Run], pd.DataFram
 
 def main() -> None:
     """Draw the runs on the command line, and print what was drawn."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("groups", nargs="+", metavar="NAME=DIR", help="a name for the runs in and below a folder")
+    parser = parser_of(__doc__, names="needed")
     parser.add_argument("--world", default="noisy", help="where chosen plans were executed (default: %(default)s)")
     parser.add_argument("--out", type=Path, required=True, help="where to write: STEM.pdf, STEM.png, STEM.csv")
     arguments = parser.parse_args()
     with one_line_errors():
-        runs, regret = gathered([named(text) for text in arguments.groups])
+        runs, regret = gathered(by_name(arguments.directories, optional=False))
         check_world(arguments.world, regret)
         curves = mean_curves(regret, arguments.world)
         words = Words.common([run.words for run in runs])

@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
@@ -77,19 +77,51 @@ def accuracy_curves(accuracy: pd.DataFrame, metric: str = "accuracy") -> pd.Data
 
 
 def plot_regret(curves: pd.DataFrame, words: Words) -> "Figure":
-    """One row for each world, one panel for each task: the median, shaded between the quartiles."""
+    """One row for each world, one panel for each task: the median, shaded between the quartiles.
+
+    A group that labelled nothing, such as `predictor=oracle`, is a dashed line at its median.
+    """
     titles = {task: words.titles.get(task) or task.replace("_", " ") for task in dict.fromkeys(curves["task"])}
-    worlds = sorted(set(curves["world"]))
-    low = min(0.0, float(curves["q25"].min()))
-    narrow = bool((curves["median"] < 0.25).mean() > 0.5)
-    limits = (low - (0.002 if narrow else 0.03), max(1.0, float(curves["q75"].max())) * (1.15 if narrow else 1.03))
-    if narrow and curves["q75"].max() < 0.25:
-        limits = (limits[0], float(curves["q75"].max()) * 1.15)
+    learning, still = split(curves)
+    low = min([0.0, learning["q25"].min(), *still["median"]])
+    high = max([learning["q75"].max(), *still["median"]])
+    narrow = bool((learning["median"] < 0.25).mean() > 0.5)
+    limits = (low - (0.002 if narrow else 0.03), max(1.0, high) * (1.15 if narrow else 1.03))
+    if narrow and high < 0.25:
+        limits = (limits[0], high * 1.15)
+    lines = ("median", "q25", "q75")
     rows = [
-        Row(f"Regret, {world_of(world)}", curves[curves["world"] == world], ("median", "q25", "q75"), limits, narrow)
-        for world in worlds
+        Row(
+            f"Regret, {world_of(world)}",
+            learning[learning["world"] == world],
+            lines,
+            limits,
+            narrow,
+            levels=levels_of(still[still["world"] == world], "task", "median"),
+        )
+        for world in sorted(set(curves["world"]))
     ]
     return draw_rows(rows, "task", titles, f"Labelled {plural(words.plan)}")
+
+
+def split(curves: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """The curves of what learns, and the rows of groups that labelled nothing, which are levels beside the curves.
+
+    If there are no curves, the rows of groups that labelled nothing are drawn in the place of curves.
+    """
+    learning = curves["plans"].groupby(curves["group"]).transform("max") > 0
+    return (curves[learning], curves[~learning]) if learning.any() else (curves, curves[learning])
+
+
+def levels_of(still: pd.DataFrame, column: str, value: str) -> dict[str, dict[Any, float]]:
+    """Where the line of each group that labelled nothing lies, in the panel of each value of a column.
+
+    Args:
+        still: Of `split`.
+        column: Whose values have a panel each.
+        value: The column that holds the level.
+    """
+    return {str(group): dict(zip(part[column], part[value])) for group, part in still.groupby("group", sort=False)}
 
 
 def plot_accuracy(curves: pd.DataFrame, words: Words, metric: str = "accuracy") -> "Figure":
@@ -113,12 +145,13 @@ def plot_measures(curves: Mapping[str, pd.DataFrame], words: Words) -> "Figure":
 
 def _row(metric: str, curves: pd.DataFrame) -> Row:
     """The row of a measure. Accuracy and AUC end at 1; NLL and ECE begin at 0, on a narrow axis if all are small."""
-    high, low = float(curves["max"].max()), float(curves["min"].min())
+    learning, still = split(curves)
+    high, low = (float(f([f(learning[end]), *still["mean"]])) for f, end in ((max, "max"), (min, "min")))
     best_is_high = metric in ("accuracy", "auc")
     narrow = not best_is_high and high < 0.25
     limits = (min(0.4, low - 0.1), 1.01) if best_is_high else (0.0, high * 1.15 or 1.0)
-    lines = ("mean", "min", "max")
-    return Row(QUANTITIES[metric], curves, lines, limits, narrow, CHANCE.get(metric), best_is_high)
+    lines, levels = ("mean", "min", "max"), levels_of(still, "length", "mean")
+    return Row(QUANTITIES[metric], learning, lines, limits, narrow, CHANCE.get(metric), best_is_high, levels)
 
 
 def plural(word: str) -> str:

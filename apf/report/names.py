@@ -24,6 +24,7 @@ OPTIONS: Mapping[str, tuple[str, str]] = {
     "learned": ("Learned", BLUE),
     "analytic": ("Analytic", GREY),
     "simulation": ("Simulation", BROWN),
+    "oracle": ("Who knows the chances: the floor", GREY),
     "noisy": ("Noisy", ORANGE),
     "panda": ("Robot", PURPLE),
 }

@@ -1,5 +1,6 @@
 """Panels of learning curves: groups of runs in one panel if they are few, else each in panels of its own."""
 
+import math
 import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -91,7 +92,7 @@ def _together(
     one_row = len(cells) == len(titles)
     columns = -(-len(titles) // 2) if one_row and len(titles) > 4 else len(titles)
     depth = -(-len(cells) // columns)
-    flat = dict.fromkeys(group for row, _ in cells for group in row.levels)
+    flat = _flat(cells)
     names = [name_of(group) for group in (*colours, *flat)]
     entry = 0.5 + 0.062 * max(map(len, names), default=0)  # of the legend [inch], about
     abreast = min(len(names), max(1, int(PANEL[0] * columns / entry)))
@@ -106,10 +107,7 @@ def _together(
             _curve(axes, curves[curves["group"] == group], row.lines, colour, marker)
             for (group, colour), marker in zip(colours.items(), cycle(MARKERS))
         ]
-        handles += [
-            axes.axhline(row.levels[group][value], color="0.35", linewidth=1, linestyle=style)
-            for group, style in zip(flat, cycle(DASHES))
-        ]
+        handles += _levels(axes, row, value, flat)
         counts = [curves["runs"][curves["group"] == group].max() for group in colours]
         _finish(axes, row, counts if len(set(counts)) > 1 else counts[:1])
         if number < len(titles):
@@ -124,9 +122,7 @@ def _together(
     for spare in grid.flat[len(cells) :]:
         spare.remove()
     if len(names) > 1:
-        legend = figure.legend(handles, names, loc="outside upper center", ncols=abreast, frameon=False)
-        for text in legend.get_texts():  # names that a person gave, a `$` in them too
-            text.set_parse_math(False)
+        _legend(figure, handles, names, abreast)
     return figure
 
 
@@ -138,10 +134,12 @@ def _apart(
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
     groups = list(colours)
+    handles: list[Line2D] = []
     columns = min(ABREAST, len(groups))
     tiers = -(-len(groups) // columns)
     depth = len(cells) * tiers
-    size = (SMALL[0] * columns + 0.8, SMALL[1] * depth + 0.3 + 0.2 * tiers)
+    flat = _flat(cells)
+    size = (SMALL[0] * columns + 0.8, SMALL[1] * depth + 0.3 + 0.2 * (tiers + len(flat)))
     layout = ConstrainedLayoutEngine(w_pad=0.02, h_pad=0.03)
     figure = Figure(figsize=size, layout=layout)
     grid = figure.subplots(depth, columns, sharex=True, squeeze=False)
@@ -155,6 +153,7 @@ def _apart(
                 axes.plot(others["plans"], others[row.lines[0]], color="0.8", linewidth=0.7, zorder=1)
             mine = curves[curves["group"] == group]
             _curve(axes, mine, row.lines, colours[group], None)
+            handles = _levels(axes, row, value, flat)
             _finish(axes, row, [mine["runs"].max()])
             axes.tick_params(labelsize=7, labelleft=group == here[0])
             if line % len(cells) == 0:
@@ -166,7 +165,29 @@ def _apart(
         of_line[0].set_ylabel(label, fontsize=7, parse_math=False)
         for spare in of_line[len(here) :]:
             spare.remove()
+    if flat:
+        _legend(figure, handles, [name_of(group) for group in flat], 1)
     return figure
+
+
+def _flat(cells: Sequence[tuple[Row, Any]]) -> list[str]:
+    """The groups that have levels in place of curves."""
+    return in_order(dict.fromkeys(group for row, _ in cells for group in row.levels))
+
+
+def _levels(axes: "Axes", row: Row, value: Any, flat: Sequence[str]) -> "list[Line2D]":
+    """The lines of groups without a curve in the panel of a value."""
+    return [
+        axes.axhline(row.levels.get(group, {}).get(value, math.nan), color="0.35", linewidth=1, linestyle=style)
+        for group, style in zip(flat, cycle(DASHES))
+    ]
+
+
+def _legend(figure: "Figure", handles: "Sequence[Line2D]", names: Sequence[str], abreast: int) -> None:
+    """A legend above all panels, with so many entries abreast."""
+    legend = figure.legend(handles, names, loc="outside upper center", ncols=abreast, frameon=False)
+    for text in legend.get_texts():  # names that a person gave, a `$` in them too
+        text.set_parse_math(False)
 
 
 def _curve(

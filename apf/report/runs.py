@@ -16,6 +16,10 @@ NOT_A_GROUP = ("seed",)
 """Keys by which runs of one group may differ."""
 NO_NAME = (*NO_EFFECT, "experiment", "with_world")
 """Config groups whose choice does not change a run's results, or repeats other keys."""
+ASKED = ("predictor", "planner", "task", "evaluation", "domain.evaluation", "domain._target_")
+"""Beginnings of the keys that count in a run which does not learn."""
+WHEN = ("evaluation.every", "evaluation.also")
+"""Keys of these that do not count, since such a run is evaluated once."""
 
 
 @dataclass(frozen=True)
@@ -26,6 +30,11 @@ class Run:
     config: dict[str, Any]
     choices: dict[str, Any]
     words: Words
+
+    @property
+    def learns(self) -> bool:
+        """Does the run learn what feasibility is? Other runs are asked once, before any plan is labelled."""
+        return str(self.choices.get("predictor", "learned")) == "learned"
 
     def table(self, name: str) -> pd.DataFrame:
         """The parquet table of that name. Raises InputError if it cannot be read."""
@@ -66,12 +75,25 @@ def words_of(state: Mapping[str, Any]) -> Words:
 def label_runs(runs: Sequence[Run]) -> list[str]:
     """For each run, what sets its group apart: runs that differ by their seed alone share a label.
 
-    Where the choice of a config group differs, its name stands for all keys of the group that follow from it.
+    Where the choice of a config group differs, its name stands for all keys of the group that follow from it. Runs that
+    do not learn are compared with their like alone, and labelled by their predictor first.
     """
+    if len({run.learns for run in runs}) == 1:
+        return _labels(runs)
+    labels = {learns: iter(_labels([run for run in runs if run.learns == learns])) for learns in (True, False)}
+    return [next(labels[run.learns]) for run in runs]
+
+
+def _labels(runs: Sequence[Run]) -> list[str]:
+    """The labels of runs that all learn, or of which none does."""
     groups = sorted({group for run in runs for group in run.choices if _owner(group) not in NO_NAME})
     flats = [flatten(identity(run.config)) for run in runs]
     chosen = [g for g in groups if _varies([str(run.choices.get(g)) for run in runs])]
-    keys = sorted({key for flat in flats for key in flat if key not in NOT_A_GROUP})
+    keys = sorted({key for flat in flats for key in flat if key not in NOT_A_GROUP and not _follows(key, flats)})
+    if not runs[0].learns:
+        others = [group for group in chosen if group != "predictor" and _owner(group).startswith((*ASKED, "domain"))]
+        chosen = ["predictor", *others]
+        keys = [key for key in keys if key.startswith(ASKED) and key not in WHEN]
     differing = [key for key in keys if _varies_within(key, flats, runs, [_owner(g) for g in chosen], chosen)]
     labels = []
     for run, flat in zip(runs, flats, strict=True):
@@ -104,6 +126,13 @@ def _varies(values: Sequence[Any]) -> bool:
     return len({_show(value) for value in values}) > 1
 
 
+def _follows(key: str, flats: Sequence[dict]) -> bool:
+    """Is this another seed, which follows from the run's: one for each seed, and the same in all runs of that seed?"""
+    pairs = {(flat.get("seed"), flat.get(key)) for flat in flats} if key.endswith(".seed") else set()
+    seeds, values = {seed for seed, _ in pairs}, {value for _, value in pairs}
+    return len(seeds) > 1 and len(pairs) == len(seeds) == len(values)
+
+
 def _varies_within(
     key: str, flats: Sequence[dict], runs: Sequence[Run], owners: Sequence[str], chosen: Sequence[str]
 ) -> bool:
@@ -118,7 +147,7 @@ def _varies_within(
 
 
 def _show(value: Any) -> str:
-    """As one would write it on the command line; a list with + between its values."""
+    """As one would write it on the command line; a list with + between its values. 1.0 is 1."""
     if isinstance(value, list):
         return "+".join(map(_show, value))
     if isinstance(value, float) and value.is_integer():

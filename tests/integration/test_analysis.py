@@ -157,6 +157,54 @@ def test_small_regret_has_an_axis_that_shows_it(median: float, scale: str, top: 
         assert axes.get_ylim()[1] == pytest.approx(top)
 
 
+def with_floor(groups: Sequence[str], level: float = 0.2) -> pd.DataFrame:
+    """The curves of `regret_of`, and a group that was evaluated once, before any plan was labelled."""
+    still = regret_of(["oracle"], level)
+    return pd.concat([regret_of(groups), still[still["plans"] == 100].assign(plans=0, runs=1)], ignore_index=True)
+
+
+@pytest.mark.parametrize("groups", [["greedy", "sequential"], ["greedy", "sequential", "complete", "random_ss"]])
+def test_who_knows_the_chances_is_a_line_in_every_panel(groups: list[str]) -> None:
+    from apf.report.figures import plot_regret
+
+    figure = plot_regret(with_floor(groups), WORDS)
+    for axes in figure.axes:
+        (line,) = [line for line in axes.lines if line.get_linestyle() == "--"]
+        assert list(line.get_ydata()) == [0.2, 0.2]
+        assert axes.get_xlim()[0] > 50, "no curve begins at 0 plans"
+        assert [text.get_text() for text in axes.texts] == ["n = 4"]
+    assert [text.get_text() for text in figure.legends[0].get_texts()][-1] == "Who knows the chances: the floor"
+
+
+def test_a_level_lies_inside_the_axis_and_may_be_missing_in_a_panel() -> None:
+    from apf.report.figures import plot_regret
+
+    curves = with_floor(["greedy"], -0.4)
+    noisy, analytic = (curves[curves["world"] == world] for world in ("noisy", "analytic"))
+    figure = plot_regret(pd.concat([analytic, noisy[noisy["plans"] > 0]]), WORDS)
+    assert all(axes.get_ylim()[0] < -0.4 for axes in figure.axes)
+    drawn = [[list(line.get_ydata()) for line in axes.lines if line.get_linestyle() == "--"] for axes in figure.axes]
+    assert drawn[0] == [[-0.4, -0.4]]
+    assert np.isnan(drawn[1]).all()
+
+
+def test_runs_that_do_not_learn_alone_are_curves() -> None:
+    from apf.report.figures import plot_regret
+
+    both = with_floor(["greedy"])
+    still = both[both["group"] == "oracle"]
+    assert [len(axes.collections) for axes in plot_regret(still, WORDS).axes] == [1, 1], "bands"
+
+
+def test_accuracy_has_levels_too() -> None:
+    from apf.report.figures import accuracy_curves, plot_accuracy
+
+    table = pd.DataFrame({"group": ["greedy", "greedy", "oracle"], "run": [0, 0, 1], "plans": [100, 200, 0]})
+    table = table.assign(length=2, accuracy=[0.7, 0.8, 0.95], auc=0.9)
+    (axes,) = plot_accuracy(accuracy_curves(table), WORDS).axes
+    assert [0.95, 0.95] in [list(line.get_ydata()) for line in axes.lines if line.get_linestyle() == "--"]
+
+
 def test_groups_of_different_sizes_say_so() -> None:
     from apf.report.figures import plot_regret
 
@@ -337,9 +385,37 @@ def test_a_choice_at_another_place_names_the_group() -> None:
     assert label_runs(runs) == ["analytic", "noisy"]
 
 
+def seeded(seed: int, training: int) -> Run:
+    return run(f"{seed}-{training}", {"seed": seed, "domain": {"training": {"seed": training}}})
+
+
 def test_a_seed_of_something_else_is_a_difference() -> None:
-    runs = [run(str(seed), {"seed": seed, "domain": {"training": {"seed": seed}}}) for seed in (0, 1)]
-    assert label_runs(runs) == ["domain.training.seed=0", "domain.training.seed=1"]
+    same = [seeded(seed, training) for seed in (0, 1) for training in (0, 1)]
+    assert label_runs(same) == ["domain.training.seed=0", "domain.training.seed=1"] * 2
+    assert label_runs([seeded(0, 0), seeded(1, 0), seeded(2, 1)])[1:] == [
+        "domain.training.seed=0",
+        "domain.training.seed=1",
+    ]
+
+
+def test_a_seed_that_follows_from_the_runs_own_is_none() -> None:
+    assert label_runs([seeded(seed, 100 + seed) for seed in (10, 11, 11)]) == ["sequential"] * 3
+
+
+def test_a_number_is_the_same_with_and_without_a_point() -> None:
+    assert label_runs([run("a", {"training": {"decay": 40}}), run("b", {"training": {"decay": 40.0}})]) == [
+        "sequential",
+        "sequential",
+    ]
+
+
+def test_runs_that_do_not_learn_are_labelled_by_themselves() -> None:
+    """By predictor and planner; what they would learn by, and when they would be evaluated, does not count."""
+    learned = [run(name, {"sampler": {"kind": name}}, sampler=name, predictor="learned") for name in ("greedy", "own")]
+    oracle = run("c", {"domain": {"stretch": False}, "evaluation": {"also": [80]}}, predictor="oracle", planner="mc")
+    assert label_runs([learned[0], oracle, learned[1]]) == ["greedy", "oracle", "own"]
+    search = run("d", {"domain": {"stretch": True}}, predictor="oracle", planner="search", sampler="greedy")
+    assert label_runs([oracle, learned[0], search]) == ["oracle, mc", "greedy", "oracle, search"]
 
 
 def test_what_does_not_change_the_results_does_not_set_runs_apart() -> None:

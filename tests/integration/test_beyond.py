@@ -9,7 +9,8 @@ import pandas as pd
 import pytest
 
 from analysis.intervals import over_runs
-from analysis.plot_beyond import ALL, mean_curves
+from analysis.plot_beyond import ALL, mean_curves, plot
+from apf.report.figures import Words
 from integration.command_line import ANALYSIS
 
 SCRIPT = ANALYSIS / "plot_beyond.py"
@@ -42,6 +43,14 @@ def test_an_interval_covers_the_mean_as_often_as_it_says() -> None:
     found = [over_runs(rng.normal(size=16)) for _ in range(300)]
     assert 0.88 < np.mean([low < 0 < high for low, high in found]) < 0.98
     assert all(np.isnan(over_runs(np.array([0.3]))))
+
+
+def test_a_group_that_labelled_nothing_is_a_line_at_its_mean() -> None:
+    both = pd.concat([regret_of(0.2, 0.4), regret_of(0.1, group="Oracle", plans=0)])
+    figure = plot(mean_curves(both, "noisy"), Words("tower", "block"), "noisy")
+    drawn = [[line.get_ydata()[0] for line in axes.lines if line.get_linestyle() == "--"] for axes in figure.axes]
+    assert np.ravel(drawn) == pytest.approx([0.15, 0.1, 0.2]), "all tasks, then each"
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["one", "Oracle"]
 
 
 @pytest.mark.slow

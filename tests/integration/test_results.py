@@ -7,13 +7,14 @@ import pytest
 from integration.command_line import ANALYSIS, REPOSITORY, spawn
 
 RESULTS = REPOSITORY / "results"
-STRATEGIES, BASELINES = "runs/strategies", "runs/baselines"
+STRATEGIES, BASELINES, FLOOR = "runs/strategies", "runs/baselines", "runs/predictors/oracle*"
 ANALYSES = {
-    "regret.csv": ("plot_regret.py", STRATEGIES, BASELINES, "--out", "regret"),
+    "regret.csv": ("plot_regret.py", STRATEGIES, BASELINES, FLOOR, "--out", "regret"),
     "active.csv": (
         "plot_regret.py",
         "runs/strategies/sequential*",
         "runs/baselines/random_ss*",
+        FLOOR,
         "--out",
         "active",
         "--until",
@@ -23,10 +24,12 @@ ANALYSES = {
     "architectures.csv": ("plot_accuracy.py", "runs/architectures", "--out", "architectures"),
     "regret_table.csv": ("table_regret.py", STRATEGIES, BASELINES, "runs/predictors", "--out", "regret_table.csv"),
     "claims.csv": ("claims.py", "runs", "--notes", RESULTS / "notes.yaml", "--out", "claims.csv"),
+    "claims.md": ("claims.py", "runs", "--notes", RESULTS / "notes.yaml", "--out", "claims.csv"),
     "early_stopping.csv": (
         "plot_regret.py",
         "runs/strategies/sequential*seed1[01]*",
         "trials/early_stopping/sequential*",
+        FLOOR,
         "--out",
         "early_stopping",
         "--until",

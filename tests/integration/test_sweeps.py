@@ -20,7 +20,7 @@ RUNS = {
     "early_stopping": 8,
     "packing": 15,
     "paper": 40,
-    "predictors": 2,
+    "predictors": 3,
     "published": 20,
     "robot_table": 6,
     "strategies": 16,
