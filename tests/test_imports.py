@@ -19,7 +19,8 @@ LSTM = "apf.models.LSTMNetwork(members=2, n_features=10, n_position=3, hidden=8,
 @pytest.mark.parametrize("more", ["", f"import torch; apf.models.kernels.passes_of({LSTM})"])
 def test_a_start_does_not_import_torch_geometric_and_torchs_compiler(more: str) -> None:
     """They are imported when a graph network is made, or anything trained."""
-    code = f"import sys, apf.commands.run, apf.commands.label, apf.commands.relabel; {more}\nprint({LOADED})"
+    modules = "apf.commands.run, apf.commands.label, apf.commands.relabel, apf.models.graph"
+    code = f"import sys, {modules}; {more}\nprint({LOADED})"
     process = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert process.stdout.split() == ["False", "False"]
 

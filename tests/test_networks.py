@@ -7,7 +7,8 @@ import torch
 from torch import nn
 
 from apf.models import FCGN, TGN, EnsembleLinear, EnsembleNetwork, LSTMNetwork
-from apf.models.graph import PlacementConv, prefix_graph
+from apf.models.conv import PlacementConv
+from apf.models.graph import prefix_graph
 from apf.models.kernels import passes_of
 from apf.models.passes import Passes
 from apf.towers.contact import ContactTGN
