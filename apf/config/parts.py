@@ -137,14 +137,11 @@ def _locate(target: Any, where: str) -> Any:
     _check_import(names[0], f"{where} is {target}")
     found: Any = None
     for i, name in enumerate(names):
-        if found is not None and hasattr(found, name):
-            found = getattr(found, name)
-            continue
         module = ".".join(names[: i + 1])
-        if found is not None and not inspect.ismodule(found):
+        if not (found is None or inspect.ismodule(found) or hasattr(found, name)):
             raise InputError(f"{where} is {target}; {'.'.join(names[:i])} has no {name}")
-        try:
-            found = importlib.import_module(module)
+        try:  # a module may import what it offers when it is asked for it
+            found = getattr(found, name) if hasattr(found, name) else importlib.import_module(module)
         except ModuleNotFoundError as error:
             if error.name != module:  # something that the module needs
                 raise InputError(f"{where} is {target}; {error}") from None

@@ -13,9 +13,7 @@ import apf
 from apf.source import Commit, commit_of, version_line
 from integration.command_line import MAINS, REPOSITORY, call, child_environment, spawn
 
-HEAVY = ("torch", "pandas", "numpy", "matplotlib", "wandb")
-LIGHT = [name for name in MAINS if not name.startswith("apf.panda")]
-"""Commands without the robot's libraries."""
+HEAVY = ("torch", "pandas", "numpy", "matplotlib", "wandb", "pybullet")
 PROBE = """
 import sys
 from importlib import import_module
@@ -33,7 +31,7 @@ def loaded(command: str, *arguments: str, cwd: Path, **environment: str) -> tupl
     return result.out + result.err, result.out.rpartition("loaded:")[2].strip()
 
 
-@pytest.mark.parametrize("command", LIGHT)
+@pytest.mark.parametrize("command", MAINS)
 @pytest.mark.parametrize("arguments", [("--help",), ("--version",)], ids=" ".join)
 def test_help_and_version_import_no_heavy_library(tmp_path: Path, command: str, arguments: tuple[str, ...]) -> None:
     said, libraries = loaded(command, *arguments, cwd=tmp_path)
@@ -51,7 +49,7 @@ def test_completion_imports_no_heavy_library(tmp_path: Path) -> None:
     assert libraries == ""
 
 
-@pytest.mark.parametrize("command", LIGHT)
+@pytest.mark.parametrize("command", MAINS)
 def test_a_wrong_key_imports_no_heavy_library(tmp_path: Path, command: str) -> None:
     given = ("run=x", "world=noisy") if command == "apf.evaluate" else ()
     said, libraries = loaded(command, *given, "seeed=1", cwd=tmp_path)

@@ -153,8 +153,8 @@ def test_all_keys_of_an_option_given_all_values(group: str, option: str) -> None
         ("plan", PlanConfig, ["objects=a.csv"], ["model"]),
         ("predict", PredictConfig, ["plans=a.csv", "out=b.csv"], ["model", "task"]),
         ("relabel", RelabelConfig, ["run=a", "plan=1", "labels='10'"], []),
-        ("show", "apf.panda.show.ShowConfig", ["tower=a.csv"], ["domain", "model", "task"]),
-        ("sheets", "apf.panda.sheets.SheetsConfig", ["blocks=a.csv"], []),
+        ("show", "apf.panda.commands.show.ShowConfig", ["tower=a.csv"], ["domain", "model", "task"]),
+        ("sheets", "apf.panda.commands.sheets.SheetsConfig", ["blocks=a.csv"], []),
     ],
 )
 def test_all_keys_of_other_commands(name: str, schema: Any, given: list[str], unused: list[str]) -> None:

@@ -10,7 +10,7 @@ import pytest
 from apf.panda.accounting import BUILD, INTERVENTION, TIDY, Account, Entry
 from apf.panda.builder import Built
 from apf.panda.caption import FRAME, PAPER, Caption, captioned, with_inset
-from apf.panda.show import chances_of
+from apf.panda.commands.show import chances_of
 from apf.towers import BlockSet, Towers, write_towers
 
 

@@ -13,12 +13,12 @@ from mcap_protobuf.decoder import DecoderFactory
 from apf.domain import Outcome, carry_out
 from apf.errors import InputError
 from apf.panda import PandaWorld
+from apf.panda.commands.show import stem_of
 from apf.panda.geometry import from_vector
 from apf.panda.hardware import Refused
 from apf.panda.kinematics import REST
 from apf.panda.layout import Layout
 from apf.panda.log import BELIEVED, ERROR, JOINTS, TRUE, WARNING, Content, Log
-from apf.panda.show import stem_of
 from apf.panda.vision.cameras import Cameras
 from apf.towers import BlockSet, Towers
 from panda.conftest import CALIBRATED
