@@ -223,6 +223,15 @@ class TestImplausible:
         table.to_csv(tmp_path / "b.csv", index=False)
         assert read_blocks(tmp_path / "b.csv").dims[0, 0] == 0.1 * lengths
 
+    def test_units_of_the_sides_come_before_a_centre_of_mass_that_is_outside(self, tmp_path):
+        """Sides in cm, centres of mass in mm: what is told first is what is at fault."""
+        table = pd.DataFrame([["a", 10, 8, 6, 12, 0, 0, 0.4]], columns=good_blocks().columns)
+        table.to_csv(tmp_path / "b.csv", index=False)
+        refused(read_blocks, tmp_path / "b.csv", "row 2: block a", "has a side above 1 m", "dim_x [cm]")
+        table = table.rename(columns={f"dim_{axis}": f"dim_{axis} [cm]" for axis in "xyz"})
+        table.to_csv(tmp_path / "b.csv", index=False)
+        refused(read_blocks, tmp_path / "b.csv", "row 2: block a", "com_x, com_y, com_z = 12, 0, 0", "0.05, 0.04, 0.03")
+
     @pytest.mark.parametrize(("side", "mass"), [(1.0, 1.0), (1.0, 20_000.0), (0.05, 1.0), (0.005, 1e-4)])
     def test_large_light_and_heavy_blocks_are_possible(self, tmp_path, side, mass):
         table = pd.DataFrame([["a", side, side, side, 0, 0, 0, mass]], columns=good_blocks().columns)

@@ -33,6 +33,12 @@ def test_a_picture_has_all_blocks_and_centres(cubes: BlockSet, line: Callable[..
     assert (patch.get_x(), patch.get_width(), patch.get_height()) == pytest.approx((-1.25, 7.5, 12.5))
 
 
+def test_the_marks_are_explained(cubes: BlockSet, line: Callable[..., Towers]) -> None:
+    several, one = (draw_tower(line(cubes, xs)).get_supxlabel() for xs in ([0.0, 0.05], [0.0]))
+    assert "centre of mass" in one and "hatched" not in one
+    assert several.startswith(one) and "hatched" in several
+
+
 def test_what_fell_is_an_outline(cubes: BlockSet, line: Callable[..., Towers]) -> None:
     ax = Figure().subplots()
     draw_in_perspective(ax, line(cubes, [0.0, 0.05, 0.10]), stood=2)

@@ -147,7 +147,10 @@ def find(config: PlanConfig) -> Found:
     try:
         choices = alternatives(planner, candidates, task, predictor, domain, config.top, least, config.seed)
     except InputError as error:
-        raise InputError(f"stand is {least:g}; {error}: ask for less, or for fewer placements (length)") from None
+        doubt = predictor.members > 1 and planner.pessimism
+        off = f", less the members' standard deviation (planner.pessimism={doubt:g})" if doubt else ""
+        line = f"stand is {least:g}; {error}{off}: ask for less, or for fewer placements (length)"
+        raise InputError(line) from None
     plans = domain.concatenate([choice.plan for choice in choices])
     judge = planner.judge(predictor).with_pessimism(None)
     chances = judge.prefix_feasibility(plans, stream(config.seed, "chances"))

@@ -1,12 +1,13 @@
 """What every command shares: Hydra around it, and one line instead of a traceback for a user's mistake."""
 
 import contextlib
+import difflib
 import functools
 import os
 import re
 import shlex
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -167,16 +168,29 @@ def _folded(error: BaseException) -> str:
         group, option = added.groups()
         if Path(config_dir(), group).is_dir():
             return f"{group}={option}: no {group} is chosen by default, so it is added with a plus: +{group}={option}"
-    if isinstance(error, MissingConfigException) and error.missing_cfg_file and not error.options:
-        if "submitit" in error.missing_cfg_file:
-            return "hydra/launcher: Hydra's submitit launcher is not installed; pip install 'apf[slurm]'"
-        folder = Path(config_dir(), error.missing_cfg_file).parent  # of a list of choices, Hydra names no options
-        message += f"; here are: {', '.join(sorted(path.stem for path in folder.glob('*.yaml')))}"
+    if isinstance(error, MissingConfigException) and "/" in (error.missing_cfg_file or ""):
+        return no_such_option(str(error.missing_cfg_file), error.options or ())
     lines = [line.strip() for line in message.splitlines()]
     kept = [line for line in lines if line and not line.startswith(("full_key:", "object_type=", "To append to"))]
     folded = " ".join(kept)
     key = str(getattr(error, "full_key", None) or "")
     return folded if key in folded else f"{key}: {folded}"
+
+
+def no_such_option(given: str, options: Sequence[str]) -> str:
+    """One line on an option that a config group does not have: the one that was meant, and all that there are.
+
+    Args:
+        given: GROUP/OPTION.
+        options: Of the group; empty if Hydra names none, as it does for a list of choices.
+    """
+    if "submitit" in given:
+        return "hydra/launcher: Hydra's submitit launcher is not installed; pip install 'apf[slurm]'"
+    group, _, option = given.rpartition("/")
+    known = options or sorted(path.stem for path in Path(config_dir(), group).glob("*.yaml"))
+    close = difflib.get_close_matches(option, known, n=1)
+    meant = f"did you mean {close[0]}? " if close else ""
+    return f"{group}={option}: there is no such option; {meant}{group} is one of {', '.join(known) or 'nothing here'}"
 
 
 def unreadable(error: OverrideParseException) -> str:

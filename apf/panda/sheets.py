@@ -5,13 +5,15 @@ from omegaconf import DictConfig
 
 from apf.config.values import config_dir
 from apf.launch.cli import one_line_errors, run_command
+from apf.panda import needs_extra
 
 
 @hydra.main(version_base="1.3", config_path=config_dir(), config_name="sheets")
 @one_line_errors
 def job(cfg: DictConfig) -> None:
     """Read the blocks, write the sheets."""
-    from apf.panda.commands.sheets import work  # here: help and completion do not wait for PyBullet and PyTorch
+    with needs_extra("apf.panda.sheets"):
+        from apf.panda.commands.sheets import work  # here: help and completion do not wait for PyBullet and PyTorch
 
     work(cfg)
 

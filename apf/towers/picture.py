@@ -16,6 +16,15 @@ COLOURS = ("#4477aa", "#ccbb44", "#228833", "#ee6677", "#66ccee", "#aa3377", "#b
 """Paul Tol's bright palette, which colour-blind readers tell apart."""
 FELL = "#cc3311"
 CM = 100
+SPACE = " " * 8
+LEGEND = SPACE.join(
+    (
+        "\u25cf centre of mass of a block",
+        "\u00d7 of all blocks above it together: a tower falls if one is outside the block below (red)",
+        "hatched: the contact that is nearest to that",
+    )
+)
+"""What the marks are; the first one alone for a single block."""
 RIGHT, AHEAD, UP = np.array([0.87, -0.25]), np.array([0.50, 0.43]), np.array([0.0, 1.0])
 """[2] where a unit along x, y and z is drawn in the view in perspective (a parallel projection)."""
 EDGE = 0.8
@@ -45,6 +54,7 @@ def draw_tower(tower: Towers, title: str = "") -> Figure:
         ax.tick_params(labelsize=7, length=2)
         ax.spines[["top", "right"]].set_visible(False)
     figure.suptitle(title, fontsize=10)
+    figure.supxlabel(LEGEND if tower.length > 1 else LEGEND.partition(SPACE)[0], fontsize=7, color="0.3")
     return figure
 
 

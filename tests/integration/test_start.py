@@ -57,6 +57,13 @@ def test_a_wrong_key_imports_no_heavy_library(tmp_path: Path, command: str) -> N
     assert libraries == ""
 
 
+@pytest.mark.parametrize("command", ["apf.panda.show", "apf.panda.sheets"])
+def test_a_command_of_the_robot_names_the_extra_that_is_missing(tmp_path: Path, command: str) -> None:
+    without = f"import sys; sys.modules.update(pybullet=None, cv2=None); import {command} as it; it.main()"
+    result = spawn(["-c", without, "tower=a.csv" if command == "apf.panda.show" else "blocks=a.csv"], tmp_path)
+    result.must_refuse(f"{command} needs ", "pip install 'apf[panda]'")
+
+
 @pytest.mark.parametrize("command", MAINS)
 def test_version_of_every_command(command: str) -> None:
     assert call("--version", command=command).must_work().out == version_line() + "\n"
