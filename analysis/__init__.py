@@ -1,1 +1,1 @@
-"""From run directories to tables and figures, e.g. `python analysis/plot_regret.py DIR`."""
+"""From run directories to tables and figures, e.g. `python -m analysis.plot_regret DIR`."""

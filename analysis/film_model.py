@@ -1,6 +1,6 @@
 """A run that learns, as a moving picture: what its ensemble believes after each evaluated step, and its regret so far.
 
-python analysis/film_model.py runs/first --out learning.gif
+python -m analysis.film_model runs/first --out learning.gif
 
 Each picture shows, over the offset of the top block of a tower of three evaluation blocks, the predicted chance that
 the tower stands, and BALD of the last placement; a line surrounds where it stands (towers only). Beside it: mean

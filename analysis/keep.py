@@ -1,6 +1,6 @@
 """Keep what the analyses read of finished runs, small enough to publish: no weights, no journal, no paths.
 
-    python analysis/keep.py runs/strategies runs/baselines --out results/runs
+    python -m analysis.keep runs/strategies runs/baselines --out results/runs
 
 A run of a sweep is copied to OUT/SWEEP/NAME, another one to OUT/NAME; the analyses take OUT for the runs themselves.
 """

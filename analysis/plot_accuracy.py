@@ -1,6 +1,6 @@
 """Accuracy of one or many runs, or another measure: mean, least and greatest over runs, one panel for each length.
 
-python analysis/plot_accuracy.py runs/sweep --metric ece
+python -m analysis.plot_accuracy runs/sweep --metric ece
 
 The metrics are accuracy, auc (area under the ROC curve), nll (negative log-likelihood) and ece (expected calibration
 error), as `apf.planning.measures` defines them. The CSV holds the means of all of them.

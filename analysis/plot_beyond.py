@@ -1,6 +1,6 @@
 """Several ways to learn and to plan: mean regret with its 95 % interval over runs, for all tasks and for each.
 
-python analysis/plot_beyond.py "Monte Carlo=runs/strategies" "Search=runs/beyond" "Oracle=runs/oracle" --out beyond
+python -m analysis.plot_beyond "Monte Carlo=runs/strategies" "Search=runs/beyond" "Oracle=runs/oracle" --out beyond
 
 Each argument names a group of finished runs. A group that does not learn, such as `predictor=oracle`, is a dashed line.
 Regret is that against the best of the random candidates, so that a planner which finds better plans has less than 0.

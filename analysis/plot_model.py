@@ -1,6 +1,6 @@
 """What a run's ensemble believes, whether its chances hold, and what was tried to learn them: one figure.
 
-python analysis/plot_model.py runs/first --step 12 --out model.pdf
+python -m analysis.plot_model runs/first --step 12 --out model.pdf
 
 Above (of towers only): maps over the offset of the top block of a tower of two and of three evaluation blocks. They
 show where the tower stands, the predicted chance of it, and BALD of the last placement; a line surrounds where it

@@ -1,6 +1,6 @@
 """The towers that the last evaluation of a run chose: a gallery, a row for each task (appendix, Towers).
 
-python analysis/plot_towers.py runs/first --world noisy --number 10 --out gallery.png
+python -m analysis.plot_towers runs/first --world noisy --number 10 --out gallery.png
 
 A tower that stood is solid; the blocks from the first that fell on are outlines. Below each tower are its value, the
 chance that the predictor gave it, and what came of it.

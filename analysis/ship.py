@@ -1,6 +1,6 @@
 """Make the last ensemble of a finished run part of the package, for those who have no run of their own.
 
-    python analysis/ship.py runs/beyond/sequential-tgn-noisy-seed10-... --out apf/shipped/towers
+    python -m analysis.ship runs/beyond/sequential-tgn-noisy-seed10-... --out apf/shipped/towers
 
 What `apf.plan` and `apf.predict` need is copied, and `quality.csv` says how good the ensemble was on novel objects.
 """

@@ -1,6 +1,6 @@
 """Regret and success of one or many runs, at each evaluation or the last, as a table.
 
-python analysis/table_regret.py runs/strategies runs/predictors --out results/regret.csv --plans 200
+python -m analysis.table_regret runs/strategies runs/predictors --out results/regret.csv --plans 200
 """
 
 from pathlib import Path

@@ -1,6 +1,6 @@
 """What a robot did in runs: towers, pick-and-places, plans, time, placement errors and interventions, as a table.
 
-python analysis/table_robot.py runs/panda_experiment --out results/robot/statistics.csv
+python -m analysis.table_robot runs/panda_experiment --out results/robot/statistics.csv
 """
 
 from pathlib import Path

@@ -148,7 +148,7 @@ def find(config: PlanConfig) -> Found:
         choices = alternatives(planner, candidates, task, predictor, domain, config.top, least, config.seed)
     except InputError as error:
         doubt = predictor.members > 1 and planner.pessimism
-        off = f", less the members' standard deviation (planner.pessimism={doubt:g})" if doubt else ""
+        off = f", the members' standard deviation taken off (planner.pessimism={doubt:g})" if doubt else ""
         line = f"stand is {least:g}; {error}{off}: ask for less, or for fewer placements (length)"
         raise InputError(line) from None
     plans = domain.concatenate([choice.plan for choice in choices])

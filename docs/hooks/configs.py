@@ -106,7 +106,7 @@ def section(path: Path, prefix: str, cls: Any) -> list[str]:
     said = " ".join(line.lstrip("# ") for line in _leading(body))
     chosen = _defaults(text)
     table = [f"| `{r.key}` | {r.default} | {r.allowed} | {r.comment} |" for r in rows(text, prefix, cls)]
-    head = ["| key | default | allowed | |", "|---|---|---|---|"]
+    head = ["| key | default | allowed | what it is |", "|---|---|---|---|"]
     return [part for part in (said, "\n".join(chosen), "\n".join(head + table) if table else "") if part]
 
 
@@ -125,7 +125,7 @@ def _defaults(text: str) -> list[str]:
             ):
                 comment = _cell(_comment(text, key, value, inside=False))
                 options.append(f"| `{group}` | `{option}` | {comment} |")
-    return ["| group | option | |", "|---|---|---|", *options] if options else []
+    return ["| group | option | what it is |", "|---|---|---|", *options] if options else []
 
 
 def rows(text: str, prefix: str = "", cls: Any = None) -> Iterator[Row]:

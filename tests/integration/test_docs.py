@@ -63,6 +63,14 @@ def test_commands_compose(page: Path, text: str, here: Path) -> None:
     call(*[first(word) for word in shlex.split(text) if word != "-m"], "--cfg", "job").must_work()
 
 
+@pytest.mark.parametrize("page", PAGES, ids=ids)
+def test_commands_of_analysis_are_those_of_an_installed_apf(page: Path) -> None:
+    text = page.read_text()
+    assert "python analysis/" not in text, "it works in a checkout alone"
+    for name in re.findall(r"python -m analysis\.(\w+)", text):
+        assert (REPOSITORY / "analysis" / f"{name}.py").exists(), name
+
+
 @pytest.mark.parametrize(
     "overrides",
     [
