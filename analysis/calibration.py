@@ -1,6 +1,6 @@
 """Can a run estimate how its chances are off, better than a constant factor on the odds is? A study of finished runs.
 
-    python analysis/calibration.py runs/beyond/*seed1[0-7]* --step 16 --out results/calibration.csv
+    python -m analysis.calibration runs/beyond/*seed1[0-7]* --step 16 --out results/calibration.csv
 
 A *map* gives each conditional chance p that a member says of a prefix another one, whose logit is
 `slope x logit(p) + offset`; the ensemble says the mean of these. Constant maps multiply the odds. The others are fitted
@@ -212,7 +212,13 @@ def _share(world: World, plans: object, number: int) -> float:
 
 
 def study(run: Run, step: int, problems: int) -> pd.DataFrame:
-    """`judged` for one run, with a column `run`."""
+    """`judged` for one run, with a column `run`.
+
+    Args:
+        run: A finished run.
+        step: An evaluated step.
+        problems: Planning problems.
+    """
     config, ensemble = config_of(run.directory), load_ensemble(run.directory, chosen_step(run.directory, step))
     longest = max(config.evaluation.length, *config.evaluation.lengths)
     maps = maps_of(held_out(run.directory, step), longest - 1)

@@ -1,7 +1,7 @@
 """The paper's claims about its simulated evaluation, each with the statistic that decides it, as a table.
 
-    python analysis/claims.py results/runs --notes results/notes.yaml
-    python analysis/claims.py paper=runs/paper published=runs/published default=results/runs
+    python -m analysis.claims results/runs --notes results/notes.yaml
+    python -m analysis.claims paper=runs/paper published=runs/published default=results/runs
 
 A statistic's interval holds the middle 95 % of a bootstrap over runs and problems. A claim holds if the whole interval
 is on its side of the bound, fails if all of it is on the other side, and is undecided otherwise; `needed` says how many
