@@ -80,6 +80,7 @@ def must_be_refused(run: Path, *words: str) -> None:
 def imported(tmp_path_factory: pytest.TempPathFactory) -> None:
     """What runs import late is there: without exec, nothing can be imported."""
     with contextlib.suppress(ImportError):
+        import_module("apf.panda.show")
         import_module("apf.panda.commands.show")
     Plugins.instance()  # Hydra imports these when it is first used
     with pytest.MonkeyPatch.context() as patch:
