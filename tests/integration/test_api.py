@@ -83,7 +83,7 @@ class TestRuns:
         ("overrides", "said"),
         [
             (["seeed=1"], "seeed: there is no such key; did you mean seed?"),
-            (["sampler=best"], "sampler/best"),
+            (["sampler=best"], "sampler=best"),
             (["plans=many"], "plans is 'many'"),
             (["resume=mine"], "no run there"),
             (["seed=[1"], "cannot be read"),
@@ -147,7 +147,7 @@ class TestQuestions:
             "the frame of objects, row 2: block mine_00, .* above 1 m; .* dim_x .mm.": {"objects": in_mm},
             "the frame of objects: column mass is missing": {"objects": mine.drop(columns="mass")},
             "objects: none.csv: no such file": {"objects": "none.csv"},
-            "task/oberhang": {"task": "oberhang"},
+            "task=oberhang": {"task": "oberhang"},
             "length: towers of 7 blocks need 7 blocks; objects has 6": {"length": 7},
             "stand is 0.99999; no plan was found": {"stand": 0.99999},
             "planer: there is no such key; did you mean planner": {"overrides": ["planer.start=3"]},
