@@ -14,6 +14,7 @@ import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -142,11 +143,11 @@ def _rows(ensemble: Ensemble, group: Labelled, out: np.ndarray, first: int) -> t
     return prefix, logits(p)[:, plan, prefix], labels[plan, prefix], out[plan] < first
 
 
-def chances(ensemble: Ensemble, plans: object) -> np.ndarray:
+def chances(ensemble: Ensemble, plans: Any) -> np.ndarray:
     """[E, N, K - 1] each member's conditional chance of each prefix of 2..K placements."""
-    parts = range(0, len(plans), CHUNK)  # type: ignore[arg-type]
-    picked = [np.arange(start, min(start + CHUNK, len(plans))) for start in parts]  # type: ignore[arg-type]
-    return np.concatenate([ensemble.predict(plans[rows]).numpy(force=True) for rows in picked], 1)  # type: ignore[index]
+    parts = range(0, len(plans), CHUNK)
+    picked = [np.arange(start, min(start + CHUNK, len(plans))) for start in parts]
+    return np.concatenate([ensemble.predict(plans[rows]).numpy(force=True) for rows in picked], 1)
 
 
 def maps_of(told: Told, prefixes: int) -> dict[str, Map]:
@@ -161,8 +162,8 @@ def maps_of(told: Told, prefixes: int) -> dict[str, Map]:
     }
     for name, part in (("all", told), ("random", told.where(told.random))):
         for what, slope in (("offset", False), ("slope and offset", True)):
-            one = part.fitted(slope)
-            found[f"{what}, {name}"] = tuple(np.full(prefixes, value) for value in one)  # type: ignore[assignment]
+            by_slope, by_offset = part.fitted(slope)
+            found[f"{what}, {name}"] = np.full(prefixes, by_slope), np.full(prefixes, by_offset)
     by_prefix = [told.where(told.prefix == prefix).fitted(slope=True) for prefix in range(prefixes)]
     found["slope and offset of each prefix, all"] = tuple(np.array(by_prefix).T)
     return found
@@ -206,7 +207,7 @@ def judged(config: Config, ensemble: Ensemble, maps: Mapping[str, Map], problems
     return table.groupby(["map", "measure", "of"], sort=False)["value"].mean().reset_index()
 
 
-def _share(world: World, plans: object, number: int) -> float:
+def _share(world: World, plans: Any, number: int) -> float:
     """The share of these executions that succeed."""
     return float((world.execute(plans, np.random.default_rng(number)) == 1).all(1).mean())
 

@@ -4,20 +4,18 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from apf.acquisition import Candidates, Scorer, top
+from apf.acquisition import FeasiblePrefixExtensions, GreedyExtensions, Scorer, top
 from apf.domain import Domain, Labelled, Scored
-from apf.settings import Length, Many, settings
+from apf.settings import settings
 from apf.towers import TowerDomain, Towers
 from apf.towers.rotations import ROTATIONS
 
 PLACED = 0
 """The rotation of a block that keeps its sides: the identity is the first of `ROTATIONS`."""
-LONGEST = 5
-"""Blocks of a tower."""
 
 
 @settings
-class SharedBlockExtensions(Candidates):
+class SharedBlockExtensions(GreedyExtensions):
     """Towers built one block at a time by a sampler with three faults, which greedy and random_ss share.
 
     The search starts from the best random towers of two blocks, and each length begins with the best towers of the
@@ -37,14 +35,6 @@ class SharedBlockExtensions(Candidates):
     """
 
     for_domain = TowerDomain
-
-    n: Many
-    longest: Length = LONGEST
-
-    @property
-    def max_length(self) -> int:
-        """As `Candidates.max_length`."""
-        return self.longest
 
     def best(
         self, n: int, score: Scorer, domain: Domain, data: Sequence[Labelled], rng: np.random.Generator
@@ -86,7 +76,7 @@ def shared_block_extensions(tower: Towers, n: int, domain: TowerDomain, rng: np.
 
 
 @settings
-class TurnedTowerExtensions(Candidates):
+class TurnedTowerExtensions(FeasiblePrefixExtensions):
     """One random block on a tower that stood as a whole, for incremental: all bases are equally likely.
 
     The bases are every block in each of its rotations, and each labelled tower that stood, as it was turned by 0, 90,
@@ -95,14 +85,6 @@ class TurnedTowerExtensions(Candidates):
     """
 
     for_domain = TowerDomain
-
-    n: Many
-    longest: Length = LONGEST
-
-    @property
-    def max_length(self) -> int:
-        """As `Candidates.max_length`."""
-        return self.longest
 
     def best(
         self, n: int, score: Scorer, domain: Domain, data: Sequence[Labelled], rng: np.random.Generator

@@ -75,7 +75,7 @@ def test_the_new_block_keeps_its_sides_and_may_lie_beside_the_one_below() -> Non
 
 def test_greedy_finds_copies_of_one_tower() -> None:
     """Each length begins with the best placements of all, and the best one was drawn about a hundred times."""
-    source = SharedBlockExtensions(n=10_000)
+    source = SharedBlockExtensions(n=10_000, longest=5)
     found = source.best(10, Scorer(Bald(), Height(), rng_of()), DOMAIN, [], rng_of())
     assert [scored.plan.length for scored in found] == [5] * 10
     assert {scored.plan.block[0, -1] for scored in found} == {9}
@@ -83,7 +83,9 @@ def test_greedy_finds_copies_of_one_tower() -> None:
 
 
 def test_a_blind_choice_among_the_same_candidates() -> None:
-    found = SharedBlockExtensions(n=1000).best(10, Scorer(Random(), Height(), rng_of()), DOMAIN, [], rng_of())
+    found = SharedBlockExtensions(n=1000, longest=5).best(
+        10, Scorer(Random(), Height(), rng_of()), DOMAIN, [], rng_of()
+    )
     assert len({scored.plan.xy.tobytes() for scored in found}) > 5
 
 
@@ -97,7 +99,7 @@ def test_a_tower_that_stood_is_a_base_in_each_of_its_four_turns() -> None:
         drawn.append(towers)
         return np.zeros(len(towers))
 
-    found = TurnedTowerExtensions(n=24_400).best(10, score, DOMAIN, data, rng_of())  # type: ignore[arg-type]
+    found = TurnedTowerExtensions(n=24_400, longest=5).best(10, score, DOMAIN, data, rng_of())  # type: ignore[arg-type]
     assert len(found) == 10
     pairs, fours = drawn
     assert (pairs.length, fours.length) == (2, 4)
@@ -110,5 +112,7 @@ def test_a_tower_that_stood_is_a_base_in_each_of_its_four_turns() -> None:
 def test_what_has_the_longest_length_is_no_base() -> None:
     plans = DOMAIN.random_plans(5, 3, rng_of())
     data = [Labelled(plans, np.ones((3, 5), np.int8))]
-    found = TurnedTowerExtensions(n=500).best(500, Scorer(Random(), Height(), rng_of()), DOMAIN, data, rng_of())
+    found = TurnedTowerExtensions(n=500, longest=5).best(
+        500, Scorer(Random(), Height(), rng_of()), DOMAIN, data, rng_of()
+    )
     assert {scored.plan.length for scored in found} == {2}

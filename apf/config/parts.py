@@ -138,10 +138,13 @@ def _locate(target: Any, where: str) -> Any:
     found: Any = None
     for i, name in enumerate(names):
         module = ".".join(names[: i + 1])
-        if not (found is None or inspect.ismodule(found) or hasattr(found, name)):
-            raise InputError(f"{where} is {target}; {'.'.join(names[:i])} has no {name}")
         try:  # a module may import what it offers when it is asked for it
-            found = getattr(found, name) if hasattr(found, name) else importlib.import_module(module)
+            if found is not None and hasattr(found, name):
+                found = getattr(found, name)
+            elif found is None or inspect.ismodule(found):
+                found = importlib.import_module(module)
+            else:
+                raise ModuleNotFoundError(name=module)
         except ModuleNotFoundError as error:
             if error.name != module:  # something that the module needs
                 raise InputError(f"{where} is {target}; {error}") from None
