@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from apf.acquisition import Sampler
-from apf.domain import Predictor, World, carry_out
+from apf.domain import Predictor, Scored, World, carry_out
 from apf.errors import Stopped
 from apf.models import Ensemble
 from apf.planning import Evaluator, regret_table
@@ -40,6 +40,8 @@ class Acquisition:
     """Plans proposed and executed."""
     validation: CountOrNone
     """How many of them go to the validation set, drawn at random."""
+    rehearsed: CountOrNone = 0
+    """How many of them are what the planner would choose for the tasks, of the objects of the experiment."""
 
 
 @settings
@@ -99,7 +101,8 @@ class Experiment:
 
     def to_do(self, step: int) -> tuple[bool, bool]:
         """Is a model to be trained after this step's plans, and is it to be evaluated?"""
-        to_propose = step < self.steps and not self.store.planned(step + 1) and self.sampler.score.asks_model
+        asks_model = self.sampler.score.asks_model or self.acquisition.rehearsed > 0
+        to_propose = step < self.steps and not self.store.planned(step + 1) and asks_model
         to_evaluate = self.due(step) and not self.store.evaluated(step)
         return to_propose or to_evaluate, to_evaluate
 
@@ -139,9 +142,22 @@ class Experiment:
             self.store.plan(step, train + validation, splits)
         else:
             n = min(self.acquisition.plans, self.plans - self.store.count(until=step - 1))
-            proposed = self.sampler.propose(self.model, domain, self.store.labelled(), n, rng)
+            rehearsed = self.rehearse(step, min(self.acquisition.rehearsed, n - 1))
+            asked = n - len(rehearsed)
+            proposed = self.sampler.propose(self.model, domain, self.store.labelled(), asked, rng) + rehearsed
             held_out = rng.permutation(n) < round(n * self.acquisition.validation / self.acquisition.plans)
             self.store.plan(step, proposed, np.where(held_out, VALIDATION, TRAIN).tolist())
+
+    def rehearse(self, step: int, n: int) -> list[Scored]:
+        """What the planner would do with the model as it is. A planner finds the plans that a model is too sure of.
+
+        Args:
+            step: Of this step.
+            n: How many plans.
+        """
+        rng = stream(self.seed, "rehearse", step)
+        plans = self.evaluator.rehearse(self.model, n, rng)
+        return [Scored(plan, float(self.sampler.score(self.model, plan, rng)[0])) for plan in plans]
 
     def execute(self, step: int) -> None:
         """Try each plan in the world. Its labels are on disk before the next one starts."""

@@ -91,11 +91,12 @@ def check_together(config: Config) -> None:
     first = config.initial.train + config.initial.validation
     if config.plans < first:
         raise InputError(f"plans is {config.plans}; it must be at least the {first} initial ones (initial.*)")
-    if config.acquisition.validation >= config.acquisition.plans:
-        raise InputError(
-            f"acquisition.validation is {config.acquisition.validation}; it must be less than "
-            f"acquisition.plans, {config.acquisition.plans}"
-        )
+    for key in ("validation", "rehearsed"):
+        if getattr(config.acquisition, key) >= config.acquisition.plans:
+            raise InputError(
+                f"acquisition.{key} is {getattr(config.acquisition, key)}; it must be less than acquisition.plans, "
+                f"{config.acquisition.plans}"
+            )
     plans = config.initial.train + (0 if config.training.early_stopping else config.initial.validation)
     if config.training.learning_rate * config.training.weight_decay >= plans:
         raise InputError(
@@ -103,9 +104,13 @@ def check_together(config: Config) -> None:
             f"than the {plans} plans that are trained on first, or no weight is left"
         )
     config.domain.check_length(config.sampler.max_length, "sampler")
+    longest = config.sampler.max_length
+    if config.acquisition.rehearsed:
+        config.domain.check_length(config.evaluation.length, "evaluation.length (acquisition.rehearsed)")
+        longest = max(longest, config.evaluation.length)
     config.domain.check_length(config.evaluation.length, "evaluation.length", evaluation=True)
     _check_domain(config)
-    _check_world("world", config.world, config.domain, config.sampler.max_length)
+    _check_world("world", config.world, config.domain, longest)
     for name, world in config.evaluation.worlds.items():
         _check_world(f"evaluation.worlds.{name}", world, config.domain, config.evaluation.length, evaluation=True)
     for length in config.evaluation.lengths:

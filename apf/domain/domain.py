@@ -133,15 +133,16 @@ class Domain(ABC):
     # -- evaluation ---------------------------------------------------------------------------------------------
 
     @abstractmethod
-    def problem(self, length: int, candidates: int, rng: np.random.Generator) -> Any:
+    def problem(self, length: int, candidates: int, rng: np.random.Generator, evaluation: bool = True) -> Any:
         """A planning problem: random plans, the candidates of a planner.
 
-        Some objects of the evaluation are drawn first; all candidates are made of these.
+        Some objects are drawn first; all candidates are made of these.
 
         Args:
             length: Placements of each plan.
             candidates: How many plans.
             rng: The source of all draws.
+            evaluation: Are the plans made of the objects of the evaluation, or of those of the experiment?
         """
 
     @abstractmethod

@@ -128,11 +128,11 @@ class PackingDomain(Domain):
         """Features of plans that have the same labels, their own first; those alone without `symmetry`."""
         return views(plans) if self.symmetry else iter([features(plans)])
 
-    def problem(self, length: int, candidates: int, rng: np.random.Generator) -> Packings:
-        """As `Domain.problem`: all candidates choose from the same evaluation boxes."""
-        n = min(round(self.choice * length), len(self.evaluation_boxes))
-        chosen = rng.choice(len(self.evaluation_boxes), n, replace=False)
-        return random_packings(self.cell, self.evaluation_boxes.subset(chosen), length, candidates, rng, self.places)
+    def problem(self, length: int, candidates: int, rng: np.random.Generator, evaluation: bool = True) -> Packings:
+        """As `Domain.problem`: all candidates choose from the same boxes."""
+        boxes = self._set(evaluation)
+        chosen = rng.choice(len(boxes), min(round(self.choice * length), len(boxes)), replace=False)
+        return random_packings(self.cell, boxes.subset(chosen), length, candidates, rng, self.places)
 
     def balanced(self, length: int, n: int, rng: np.random.Generator) -> tuple[Packings, np.ndarray]:
         """As `Domain.balanced`: packings of evaluation boxes."""

@@ -32,10 +32,17 @@ def _directory() -> tempfile.TemporaryDirectory:
 
 
 @cache
-def urdf(wrist: WristCamera) -> str:
-    """Path of the model's file with a camera on the hand, written once in a process and removed with it."""
+def urdf(wrist: WristCamera, plain: bool = False) -> str:
+    """Path of the model's file with a camera on the hand, written once in a process and removed with it.
+
+    Args:
+        wrist: The camera.
+        plain: Is the arm drawn as what it collides with? That has a fortieth of the triangles, and looks alike.
+    """
     tree = ElementTree.parse(URDF)
     for link in tree.iter("link"):
+        if plain:
+            _draw_plainly(link)
         side = FINGER_LINKS.get(link.attrib["name"])
         if side is not None:
             for part in [*link.findall("collision"), *link.findall("contact")]:
@@ -48,6 +55,14 @@ def urdf(wrist: WristCamera) -> str:
     path = Path(_directory().name) / f"panda-{len(list(Path(_directory().name).iterdir()))}.urdf"
     tree.write(path)
     return str(path)
+
+
+def _draw_plainly(link: ElementTree.Element) -> None:
+    """A link's meshes to look at become those that it collides with."""
+    plain = link.find("collision/geometry/mesh")
+    if plain is not None:
+        for mesh in link.findall("visual/geometry/mesh"):
+            mesh.attrib["filename"] = plain.attrib["filename"]
 
 
 def _add_camera(robot: ElementTree.Element, wrist: WristCamera) -> None:

@@ -47,6 +47,8 @@ class Scene:
 
     movable = False
     """Do blocks have mass?"""
+    plain = False
+    """Is the arm drawn as what it collides with, in half the time?"""
 
     def __init__(self, layout: Layout, wrist: WristCamera | None = None, gui: bool = False) -> None:
         self.layout, self.wrist = layout, wrist or WristCamera()
@@ -78,7 +80,7 @@ class Scene:
             self.pedestal = self._box((width, depth, height), (*self.layout.pedestal, height / 2), STONE)
             self._box(MARK, (*self.layout.base, 0), GREEN, collides=False)
             flags = self.client.URDF_ENABLE_CACHED_GRAPHICS_SHAPES
-            self.robot = self.client.loadURDF(urdf(self.wrist), useFixedBase=True, flags=flags)
+            self.robot = self.client.loadURDF(urdf(self.wrist, self.plain), useFixedBase=True, flags=flags)
             self.bodies = [self._block(i) for i in range(len(blocks))]
         for i, where in enumerate(poses):
             self.put(i, where)

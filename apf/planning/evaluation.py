@@ -1,5 +1,6 @@
 """How good is a predictor? Regret on planning problems, accuracy on balanced test sets (Section Evaluation)."""
 
+import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import field
 from pathlib import Path
@@ -134,6 +135,26 @@ class Evaluator:
                     ChosenPlan(name, problem, choice.plan, choice.value, chances[number], *references, outcomes)
                 )
         return chosen
+
+    def rehearse(self, predictor: Predictor, n: int, rng: np.random.Generator) -> list[Any]:
+        """What the planner would choose if n problems were of the objects of the experiment, each with one task.
+
+        Args:
+            predictor: Judges the candidates.
+            n: How many plans.
+            rng: The source of all draws.
+
+        Returns:
+            The plans, each a batch of one. They are of all tasks in turn.
+        """
+        names = rng.permutation(list(self.tasks)).tolist()
+        plans = []
+        for name in itertools.islice(itertools.cycle(names), n):
+            candidates = self.domain.problem(self.settings.length, self.planner.candidates, rng, evaluation=False)
+            problem, task = Problem(candidates, rng), {name: self.tasks[name]}
+            [choices] = self.planner.choose([problem], task, predictor, self.domain)
+            plans.append(choices[name].plan)
+        return plans
 
     def _outcomes(
         self, step: int, number: int, task: str, problem: int, plan: Any, kept: Kept | None

@@ -183,10 +183,11 @@ class TowerDomain(Domain):
         """[N] bool: would the plan succeed in a world without noise?"""
         return stands(plans)
 
-    def problem(self, length: int, candidates: int, rng: np.random.Generator) -> Towers:
-        """As `Domain.problem`: all candidates use all of `length` evaluation blocks."""
-        chosen = rng.choice(len(self.evaluation_blocks), length, replace=False)
-        return random_towers(self.evaluation_blocks.subset(chosen), length, candidates, rng, self.offset)
+    def problem(self, length: int, candidates: int, rng: np.random.Generator, evaluation: bool = True) -> Towers:
+        """As `Domain.problem`: all candidates use all of `length` blocks."""
+        blocks = self._set(evaluation)
+        chosen = rng.choice(len(blocks), length, replace=False)
+        return random_towers(blocks.subset(chosen), length, candidates, rng, self.offset)
 
     def balanced(self, length: int, n: int, rng: np.random.Generator) -> tuple[Towers, np.ndarray]:
         """As `Domain.balanced`: towers of evaluation blocks."""

@@ -32,6 +32,8 @@ def _directory() -> tempfile.TemporaryDirectory:
 class Studio(Scene):
     """A scene without physics whose blocks carry their markers. It is set as reality is, and then photographed."""
 
+    plain = True
+
     def __init__(self, layout: Layout) -> None:
         super().__init__(layout)
         self._number = 0
