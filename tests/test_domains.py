@@ -204,6 +204,14 @@ def test_plans_of_a_problem_are_kept_with_the_objects_of_the_evaluation(domain):
     assert [domain.encoded_length(plan, evaluation=True) for plan in encoded] == [3] * 20
 
 
+def test_a_problem_of_the_experiment_has_its_objects(domain):
+    plans = domain.problem(3, 20, rng_of(9), evaluation=False)
+    mine = set(domain.table(domain.random_plans(3, 500, rng_of(10)))[domain.object_word])
+    assert set(domain.table(plans)[domain.object_word]) <= mine
+    decoded = domain.decode(json.loads(json.dumps(domain.encode(plans))))
+    np.testing.assert_array_equal(domain.features(decoded), domain.features(plans))
+
+
 def test_tables_have_a_row_for_each_placement(domain):
     table = domain.table(domain.random_plans(3, 4, rng_of(8)))
     assert table.columns[:2].tolist() == [domain.plan_word, "position"]
