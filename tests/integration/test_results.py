@@ -38,6 +38,7 @@ ANALYSES = {
     "beyond/regret.csv": (
         "plot_beyond.py",
         "Ours=beyond/runs/beyond/*",
+        "Nothing rehearsed=beyond/runs/unrehearsed/*",
         "The paper's way=runs/strategies/sequential*",
         "Floor of the search=beyond/runs/predictors/*",
         "Floor of the paper's planner=runs/predictors/oracle*",
