@@ -16,6 +16,7 @@ from omegaconf import OmegaConf
 
 import apf
 from apf.config.values import config_dir
+from apf.experiment import Acquisition
 from apf.models import Training
 from apf.panda.film import Camera
 from apf.planning import EvaluationSettings
@@ -57,7 +58,8 @@ def composed(*overrides: str, name: str = "config") -> dict[str, Any]:
 
 def of_a_run(overrides: list[str]) -> list[tuple[str, str, Any, Any]]:
     config = composed(*overrides)
-    return [*pairs(config), *pairs(config["training"], Training), *pairs(config["evaluation"], EvaluationSettings)]
+    parts = {"training": Training, "evaluation": EvaluationSettings, "acquisition": Acquisition}
+    return [*pairs(config), *(pair for key, cls in parts.items() for pair in pairs(config[key], cls))]
 
 
 def of_the_camera() -> list[tuple[str, str, Any, Any]]:
