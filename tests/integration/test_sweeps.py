@@ -104,6 +104,7 @@ def test_a_sweep_scaled_down(name: str, here: Path) -> None:
     its_own = ("evaluation.lengths", "evaluation.every", *(["evaluation.problems"] if name == "architectures" else []))
     small = [word for word in TINY if not word.startswith(its_own)]
     small += ["training.epochs=1"] if name in ("paper", "published") else []
+    small += ["acquisition.rehearsed=1"] if name == "beyond" else []
     call(*sweep, *one_seed, *small, "model.network.hidden=4").must_work()
     runs = [path for path in (here / "runs" / name).iterdir() if path.is_dir()]
     assert len(runs) == (1 if name in LESS else RUNS[name] // SEEDS[name])
