@@ -142,9 +142,9 @@ class Experiment:
             self.store.plan(step, train + validation, splits)
         else:
             n = min(self.acquisition.plans, self.plans - self.store.count(until=step - 1))
-            rehearsed = self.rehearse(step, min(self.acquisition.rehearsed, n - 1))
-            asked = n - len(rehearsed)
-            proposed = self.sampler.propose(self.model, domain, self.store.labelled(), asked, rng) + rehearsed
+            rehearsed = self.rehearse(step, min(self.acquisition.rehearsed, n - 1))  # the sampler proposes one, too
+            others = n - len(rehearsed)
+            proposed = self.sampler.propose(self.model, domain, self.store.labelled(), others, rng) + rehearsed
             held_out = rng.permutation(n) < round(n * self.acquisition.validation / self.acquisition.plans)
             self.store.plan(step, proposed, np.where(held_out, VALIDATION, TRAIN).tolist())
 

@@ -37,7 +37,8 @@ def urdf(wrist: WristCamera, plain: bool = False) -> str:
 
     Args:
         wrist: The camera.
-        plain: Is the arm drawn as what it collides with? That has a fortieth of the triangles, and looks alike.
+        plain: Is the arm drawn as what it collides with? That has a thirtieth of the triangles, and hides a
+            little more.
     """
     tree = ElementTree.parse(URDF)
     for link in tree.iter("link"):

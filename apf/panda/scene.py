@@ -48,7 +48,7 @@ class Scene:
     movable = False
     """Do blocks have mass?"""
     plain = False
-    """Is the arm drawn as what it collides with, in half the time?"""
+    """Is the arm drawn as what it collides with? An image then takes less time."""
 
     def __init__(self, layout: Layout, wrist: WristCamera | None = None, gui: bool = False) -> None:
         self.layout, self.wrist = layout, wrist or WristCamera()

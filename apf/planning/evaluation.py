@@ -80,7 +80,7 @@ class Kept(Protocol):
 
 
 class Evaluator:
-    """Evaluates predictors, always on the same problems and the same test plans."""
+    """Evaluates predictors, always on the same problems and the same test plans, and rehearses others for them."""
 
     def __init__(
         self,

@@ -100,7 +100,7 @@ def test_whoever_asks_no_model_needs_one_to_rehearse(tmp_path: Path) -> None:
     store.close()
 
 
-def test_a_run_that_was_stopped_rehearses_the_same(here: Path) -> None:
+def test_a_run_that_is_made_longer_rehearses_the_same(here: Path) -> None:
     more = ("acquisition.rehearsed=1", "domain=packing")
     call(*TINY, *more, "hydra.run.dir=whole").must_work()
     call(*TINY, *more, "plans=10", "hydra.run.dir=parts").must_work()

@@ -446,3 +446,34 @@ def test_the_camera_on_the_hand_is_where_the_hand_is(stage: Stage) -> None:
     expected = forward(told) @ inverse(forward(q)) @ poses[0]
     assert distance(expected, poses[0]) > 0.003
     assert distance(found.poses[0], expected) < 0.0015
+
+
+class Finely(Studio):
+    """A studio whose arm is drawn by the meshes of its maker."""
+
+    plain = False
+
+
+def arm_seen(studio: Studio, q: np.ndarray) -> np.ndarray:
+    """[240, 320] bool: in which pixels is the arm?"""
+    client = studio.client
+    studio.pose_arm(q)
+    view = client.computeViewMatrix((1.5, 1.0, 0.9), (0.1, 0.0, 0.4), (0, 0, 1))
+    picture = client.getCameraImage(
+        *(320, 240), view, client.computeProjectionMatrixFOV(50, 4 / 3, 0.1, 4.0), renderer=client.ER_TINY_RENDERER
+    )
+    return np.reshape(picture[4], (240, 320)) == studio.robot
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.9])
+def test_the_arm_hides_what_the_finer_one_hides_and_little_more(stage: Stage, turn: float) -> None:
+    """It is drawn by the convex meshes that it collides with."""
+    stage.studio.prepare(stage.blocks)
+    finely = Finely(Layout())
+    finely.prepare(stage.blocks)
+    q = REST + turn * np.eye(len(REST))[0]
+    plain, fine = arm_seen(stage.studio, q), arm_seen(finely, q)
+    finely.close()
+    assert fine.sum() > 2000
+    assert (fine & ~plain).sum() < 0.02 * fine.sum()
+    assert (plain & ~fine).sum() < 0.12 * fine.sum()
